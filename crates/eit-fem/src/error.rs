@@ -1,0 +1,154 @@
+//! The one error type of this crate.
+
+/// What can be wrong with a protocol or a forward problem.
+///
+/// Electrodes inside quadruples and patterns are 0-based, as in data files; electrodes named in a
+/// sentence ("electrode 3") are 1-based, as on a skin. Elements and measurements are 0-based.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FemError {
+    /// Too few electrodes for the wanted patterns.
+    #[error("{electrodes} electrodes are too few: {pattern} needs at least {needed}")]
+    TooFewElectrodes {
+        /// Electrodes given.
+        electrodes: usize,
+        /// The pattern in words.
+        pattern: String,
+        /// Electrodes needed.
+        needed: usize,
+    },
+    /// Opposite drive with an odd number of electrodes.
+    #[error(
+        "{electrodes} electrodes have no opposite pairs: use an even number or drive = \"skip-N\""
+    )]
+    NoOpposite {
+        /// Electrodes given.
+        electrodes: usize,
+    },
+    /// A quadruple or pair names an electrode that does not exist.
+    #[error(
+        "{what} {index} names electrode index {electrode}, but the {electrodes} electrodes have \
+         the indices 0 to {last}", last = electrodes.saturating_sub(1)
+    )]
+    UnknownElectrode {
+        /// "quadruple", "drive pair" or "measured pair".
+        what: &'static str,
+        /// Its place in the list.
+        index: usize,
+        /// Electrode index it names.
+        electrode: u32,
+        /// Electrodes there are.
+        electrodes: usize,
+    },
+    /// A pair of one electrode with itself.
+    #[error("{what} {index} joins electrode index {electrode} with itself")]
+    DegeneratePair {
+        /// "quadruple", "drive pair" or "measured pair".
+        what: &'static str,
+        /// Its place in the list.
+        index: usize,
+        /// The electrode index.
+        electrode: u32,
+    },
+    /// No measurement left.
+    #[error("the protocol has no measurement: keep the driven electrodes or choose other pairs")]
+    EmptyProtocol,
+    /// The drive current is not usable.
+    #[error("current_a is {current_a}: it must be finite and above zero")]
+    BadCurrent {
+        /// Value given, ampere.
+        current_a: f64,
+    },
+    /// A pattern holds NaN or infinity.
+    #[error("{what} pattern {pattern} holds {value} at electrode index {electrode}")]
+    NonFinitePattern {
+        /// "stimulation" or "measurement".
+        what: &'static str,
+        /// Pattern index.
+        pattern: usize,
+        /// Electrode index.
+        electrode: usize,
+        /// The value.
+        value: f64,
+    },
+    /// A pattern whose entries do not cancel, or that is zero.
+    #[error(
+        "{what} pattern {pattern} sums to {sum:e} with a largest entry of {largest:e}: what enters \
+         the skin must leave it, and a pattern must not be zero"
+    )]
+    UnbalancedPattern {
+        /// "stimulation" or "measurement".
+        what: &'static str,
+        /// Pattern index.
+        pattern: usize,
+        /// Sum over the electrodes.
+        sum: f64,
+        /// Largest magnitude.
+        largest: f64,
+    },
+    /// Protocol and mesh disagree about the electrodes.
+    #[error("the protocol is for {protocol} electrodes, but the mesh has {mesh}")]
+    ElectrodeCount {
+        /// Electrodes of the protocol.
+        protocol: usize,
+        /// Electrodes of the mesh.
+        mesh: usize,
+    },
+    /// An array has the wrong length.
+    #[error("{what}: {found} values given, {wanted} needed")]
+    WrongLength {
+        /// Which array.
+        what: &'static str,
+        /// Values given.
+        found: usize,
+        /// Values needed.
+        wanted: usize,
+    },
+    /// A conductivity is zero, negative or not finite.
+    #[error(
+        "the conductivity of element {element} is {value_s} S: it must be finite and above zero"
+    )]
+    BadConductivity {
+        /// Element index.
+        element: usize,
+        /// Its value, siemens.
+        value_s: f64,
+    },
+    /// A contact impedance is zero, negative or not finite.
+    #[error(
+        "the contact impedance of electrode {electrode} is {value}: it must be finite and above zero"
+    )]
+    BadContactImpedance {
+        /// 1-based number.
+        electrode: usize,
+        /// Its value, ohm metre (rim) or ohm square metre (patch).
+        value: f64,
+    },
+    /// The factorisation met a pivot that is not positive.
+    #[error(
+        "the system matrix lost positive definiteness at unknown {unknown} of {unknowns}: the \
+         conductivities or contact impedances span too many decades for this mesh"
+    )]
+    NotPositiveDefinite {
+        /// Position in the elimination order.
+        unknown: usize,
+        /// Number of unknowns.
+        unknowns: usize,
+    },
+    /// The factor does not fit into memory or index range.
+    #[error("the factor of {unknowns} unknowns does not fit into memory: use a coarser mesh")]
+    OutOfMemory {
+        /// Number of unknowns.
+        unknowns: usize,
+    },
+    /// A parameter of an analytic solution is out of range.
+    #[error("{quantity} is {value}: it must be {must}")]
+    OutOfRange {
+        /// The quantity with its unit.
+        quantity: &'static str,
+        /// Value given.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+}

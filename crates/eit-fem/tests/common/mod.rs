@@ -1,0 +1,97 @@
+//! Meshes for tests.
+#![allow(dead_code, reason = "each test file uses its own part")]
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
+
+use eit_mesh::{Electrode, Mesh, Surface};
+use fixtures::MeshArrays;
+
+/// A fixture's arrays as a mesh.
+pub fn mesh_of(arrays: &MeshArrays) -> Mesh {
+    let nodes = arrays
+        .nodes
+        .rows()
+        .into_iter()
+        .map(|r| [r[0], r[1], if r.len() > 2 { r[2] } else { 0.0 }])
+        .collect();
+    let surface = Surface::new(nodes, arrays.triangles.clone()).expect("a valid surface");
+    let electrodes = arrays.edges_per_electrode().into_iter().map(Electrode::Rim).collect();
+    Mesh::new(surface, electrodes).expect("a valid mesh")
+}
+
+/// Ring mesh of a unit disc: ring `k` of `rings` has `6 k` nodes, so it has six-fold symmetry.
+/// 12 electrodes, each half of its share of the rim; `rings` is a multiple of 4. Electrode `l` is
+/// centred at `(l + 1/2) 30 degrees` and covers 15 degrees.
+pub fn ring_disc(rings: usize) -> Mesh {
+    assert_eq!(rings % 4, 0);
+    let first = |ring: usize| if ring == 0 { 0 } else { 1 + 3 * ring * (ring - 1) };
+    let mut nodes = vec![[0.0, 0.0, 0.0]];
+    for ring in 1..=rings {
+        for i in 0..6 * ring {
+            let angle = std::f64::consts::TAU * i as f64 / (6 * ring) as f64;
+            let r = ring as f64 / rings as f64;
+            nodes.push([r * angle.cos(), r * angle.sin(), 0.0]);
+        }
+    }
+    let mut triangles = Vec::new();
+    for ring in 1..=rings {
+        let outer = |i: usize| (first(ring) + i % (6 * ring)) as u32;
+        let inner =
+            |i: usize| if ring == 1 { 0 } else { (first(ring - 1) + i % (6 * (ring - 1))) as u32 };
+        for sector in 0..6 {
+            for i in 0..ring {
+                let (o, n) = (sector * ring + i, sector * (ring - 1) + i);
+                triangles.push([outer(o), outer(o + 1), inner(n)]);
+                if i + 1 < ring {
+                    triangles.push([inner(n), outer(o + 1), inner(n + 1)]);
+                }
+            }
+        }
+    }
+    let per = 6 * rings / 12;
+    let rim = |i: usize| (first(rings) + i % (6 * rings)) as u32;
+    let electrodes = (0..12)
+        .map(|l| {
+            let from = l * per + per / 4;
+            Electrode::Rim((from..from + per / 2).map(|i| [rim(i), rim(i + 1)]).collect())
+        })
+        .collect();
+    Mesh::new(Surface::new(nodes, triangles).unwrap(), electrodes).unwrap()
+}
+
+/// Angles of [`ring_disc`]'s electrode centres.
+pub fn ring_disc_angles() -> Vec<f64> {
+    (0..12).map(|l| (l as f64 + 0.5) * std::f64::consts::TAU / 12.0).collect()
+}
+
+/// A strip `length x width` of right triangles with one electrode over each short side.
+pub fn strip(length: f64, width: f64, columns: usize, rows: usize) -> Mesh {
+    let node = |i: usize, j: usize| (i * (rows + 1) + j) as u32;
+    let nodes = (0..=columns)
+        .flat_map(|i| {
+            (0..=rows).map(move |j| {
+                [length * i as f64 / columns as f64, width * j as f64 / rows as f64, 0.0]
+            })
+        })
+        .collect();
+    let mut triangles = Vec::new();
+    for i in 0..columns {
+        for j in 0..rows {
+            triangles.push([node(i, j), node(i + 1, j), node(i + 1, j + 1)]);
+            triangles.push([node(i, j), node(i + 1, j + 1), node(i, j + 1)]);
+        }
+    }
+    let side = |i: usize| Electrode::Rim((0..rows).map(|j| [node(i, j), node(i, j + 1)]).collect());
+    let electrodes = vec![side(0), side(columns)];
+    Mesh::new(Surface::new(nodes, triangles).unwrap(), electrodes).unwrap()
+}
+
+/// Small deterministic numbers in 0..1 (a 64-bit linear congruential generator, Knuth's factor).
+pub fn noise(seed: u64, count: usize) -> Vec<f64> {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    (0..count)
+        .map(|_| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        })
+        .collect()
+}

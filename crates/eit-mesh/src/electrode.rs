@@ -1,0 +1,137 @@
+//! Electrodes on a surface, and the mesh: both together.
+
+use crate::surface::{norm, sub};
+use crate::{MeshError, Surface};
+use std::collections::HashMap;
+
+/// Where an electrode touches the skin.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Electrode {
+    /// Rim edges as node pairs. Contact impedance in ohm metre.
+    Rim(Vec<[u32; 2]>),
+    /// Triangles of the surface. Contact impedance in ohm square metre.
+    Patch(Vec<u32>),
+}
+
+impl Electrode {
+    /// Length in metres (rim) or area in square metres (patch): the measure that contact
+    /// impedance is divided by.
+    pub fn measure(&self, surface: &Surface) -> f64 {
+        let node = |n: u32| surface.nodes()[n as usize];
+        match self {
+            Self::Rim(edges) => edges.iter().map(|e| norm(sub(node(e[1]), node(e[0])))).sum(),
+            Self::Patch(triangles) => {
+                triangles.iter().map(|&t| surface.areas_m2()[t as usize]).sum()
+            }
+        }
+    }
+
+    /// The electrode's mean position, weighted by length or area, metres.
+    pub fn centre_m(&self, surface: &Surface) -> [f64; 3] {
+        let mean = |points: &[[f64; 3]], k: usize| {
+            points.iter().map(|p| p[k]).sum::<f64>() / points.len() as f64
+        };
+        let parts: Vec<(f64, Vec<[f64; 3]>)> = match self {
+            Self::Rim(edges) => edges
+                .iter()
+                .map(|e| e.map(|n| surface.nodes()[n as usize]))
+                .map(|[a, b]| (norm(sub(b, a)), vec![a, b]))
+                .collect(),
+            Self::Patch(triangles) => triangles
+                .iter()
+                .map(|&t| (surface.areas_m2()[t as usize], surface.corners(t as usize).to_vec()))
+                .collect(),
+        };
+        let total: f64 = parts.iter().map(|p| p.0).sum();
+        std::array::from_fn(|k| parts.iter().map(|(w, c)| w * mean(c, k)).sum::<f64>() / total)
+    }
+}
+
+/// A skin: a surface and the electrodes on it, in the order of their numbers.
+///
+/// Valid once built: every rim electrode lies on the rim, every patch on triangles, and no place
+/// belongs to two electrodes. Electrodes may touch in a node.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mesh {
+    surface: Surface,
+    electrodes: Vec<Electrode>,
+}
+
+impl Mesh {
+    /// Puts electrodes on a surface.
+    ///
+    /// # Errors
+    /// [`MeshError::EmptyElectrode`], [`MeshError::NotOnRim`], [`MeshError::UnknownTriangle`] or
+    /// [`MeshError::OverlappingElements`].
+    pub fn new(surface: Surface, electrodes: Vec<Electrode>) -> Result<Self, MeshError> {
+        let mut rim: HashMap<[u32; 2], usize> =
+            surface.rim_edges().iter().map(|e| (sorted(*e), 0)).collect();
+        let mut patch = vec![0; surface.triangles().len()];
+        for (index, electrode) in electrodes.iter().enumerate() {
+            let electrode_number = index + 1;
+            match electrode {
+                Electrode::Rim(edges) => claim_edges(&mut rim, electrode_number, edges)?,
+                Electrode::Patch(triangles) => {
+                    claim_triangles(&mut patch, electrode_number, triangles)?;
+                }
+            }
+        }
+        Ok(Self { surface, electrodes })
+    }
+
+    /// The surface.
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    /// The electrodes, electrode 1 first.
+    pub fn electrodes(&self) -> &[Electrode] {
+        &self.electrodes
+    }
+}
+
+fn sorted(edge: [u32; 2]) -> [u32; 2] {
+    [edge[0].min(edge[1]), edge[0].max(edge[1])]
+}
+
+fn claim_edges(
+    rim: &mut HashMap<[u32; 2], usize>,
+    electrode: usize,
+    edges: &[[u32; 2]],
+) -> Result<(), MeshError> {
+    if edges.is_empty() {
+        return Err(MeshError::EmptyElectrode { electrode });
+    }
+    for &edge in edges {
+        let owner =
+            rim.get_mut(&sorted(edge)).ok_or(MeshError::NotOnRim { electrode, edge })?;
+        if *owner != 0 {
+            let place = format!("edge {edge:?}");
+            return Err(MeshError::OverlappingElements { first: *owner, second: electrode, place });
+        }
+        *owner = electrode;
+    }
+    Ok(())
+}
+
+fn claim_triangles(
+    owners: &mut [usize],
+    electrode: usize,
+    triangles: &[u32],
+) -> Result<(), MeshError> {
+    if triangles.is_empty() {
+        return Err(MeshError::EmptyElectrode { electrode });
+    }
+    let count = owners.len();
+    for &triangle in triangles {
+        let owner = owners
+            .get_mut(triangle as usize)
+            .ok_or(MeshError::UnknownTriangle { electrode, triangle, triangles: count })?;
+        if *owner != 0 {
+            let place = format!("triangle {triangle}");
+            return Err(MeshError::OverlappingElements { first: *owner, second: electrode, place });
+        }
+        *owner = electrode;
+    }
+    Ok(())
+}

@@ -1,0 +1,382 @@
+//! Shapes of flat skins and their outlines: closed loops of straight lines and circular arcs,
+//! measured by arc length.
+
+mod check;
+
+use crate::MeshError;
+use check::{check_polygon, in_range};
+use std::f64::consts::TAU;
+
+/// Points of an outline nearer than this fraction of its outer length are the same point.
+///
+/// Coordinates carry a rounding error of 1e-16 of their size; seven digits above it leave the
+/// smallest gap between electrodes (a few times this) seven correct digits.
+pub(crate) const RESOLUTION: f64 = 1e-9;
+
+/// The shape of a flat skin.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum SkinShape {
+    /// A disc centred at the origin.
+    Disc {
+        /// Radius, metres.
+        radius_m: f64,
+    },
+    /// A rectangle centred at the origin, sides along x and y.
+    Rectangle {
+        /// Side along x, metres.
+        width_m: f64,
+        /// Side along y, metres.
+        height_m: f64,
+    },
+    /// A polygon with holes. Loops close by themselves and may turn either way.
+    Polygon {
+        /// Corners of the outer loop, metres.
+        outline_m: Vec<[f64; 2]>,
+        /// Corners of each hole, metres.
+        holes_m: Vec<Vec<[f64; 2]>>,
+    },
+}
+
+impl SkinShape {
+    /// The outline of the shape, checked.
+    ///
+    /// # Errors
+    /// [`MeshError::OutOfRange`] for a size that is not finite or not between 1e-9 m and 1e9 m;
+    /// [`MeshError::BadOutline`] for a polygon that touches or crosses itself, has a spike
+    /// sharper than one degree, or a hole that is not inside or not clear of the others.
+    pub fn outline(&self) -> Result<Outline, MeshError> {
+        match self {
+            Self::Disc { radius_m } => Outline::disc(*radius_m),
+            Self::Rectangle { width_m, height_m } => Outline::rectangle(*width_m, *height_m),
+            Self::Polygon { outline_m, holes_m } => Outline::polygon(outline_m, holes_m),
+        }
+    }
+}
+
+/// A straight line or a circular arc.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Piece {
+    Line { from: [f64; 2], to: [f64; 2] },
+    Arc { centre: [f64; 2], radius: f64, from_rad: f64, sweep_rad: f64 },
+}
+
+impl Piece {
+    fn length(&self) -> f64 {
+        match *self {
+            Self::Line { from, to } => distance(from, to),
+            Self::Arc { radius, sweep_rad, .. } => radius * sweep_rad.abs(),
+        }
+    }
+
+    /// The point at an arc length from the start of the piece.
+    fn point_at(&self, arc_length: f64) -> [f64; 2] {
+        match *self {
+            Self::Line { from, to } => {
+                let t = arc_length / distance(from, to);
+                [from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1])]
+            }
+            Self::Arc { centre, radius, from_rad, sweep_rad } => {
+                let (sin, cos) = (from_rad + sweep_rad.signum() * arc_length / radius).sin_cos();
+                [centre[0] + radius * cos, centre[1] + radius * sin]
+            }
+        }
+    }
+
+    /// Arc length of the nearest point of the piece, and the distance to it.
+    fn project(&self, point: [f64; 2]) -> (f64, f64) {
+        let arc_length = match *self {
+            Self::Line { from, to } => {
+                let along = [to[0] - from[0], to[1] - from[1]];
+                let to_point = [point[0] - from[0], point[1] - from[1]];
+                let squared = along[0] * along[0] + along[1] * along[1];
+                let t = (along[0] * to_point[0] + along[1] * to_point[1]) / squared;
+                t.clamp(0.0, 1.0) * squared.sqrt()
+            }
+            Self::Arc { centre, radius, from_rad, sweep_rad } => {
+                let angle = (point[1] - centre[1]).atan2(point[0] - centre[0]);
+                let turned = (sweep_rad.signum() * (angle - from_rad)).rem_euclid(TAU);
+                let sweep = sweep_rad.abs();
+                // outside the arc the nearer of its two ends
+                let beyond = 0.5 * (TAU + sweep);
+                radius * if turned <= sweep { turned } else if turned < beyond { sweep } else { 0.0 }
+            }
+        };
+        (arc_length, distance(self.point_at(arc_length), point))
+    }
+
+    /// Arc length of the outermost point on the ray from `origin` along the unit vector `along`,
+    /// and its distance from `origin`.
+    fn outermost_hit(&self, origin: [f64; 2], along: [f64; 2]) -> Option<(f64, f64)> {
+        let start = match *self {
+            Self::Line { from, .. } => from,
+            Self::Arc { centre, .. } => centre,
+        };
+        let to_start = [start[0] - origin[0], start[1] - origin[1]];
+        let reach = match *self {
+            Self::Line { from, to } => {
+                let side = [to[0] - from[0], to[1] - from[1]];
+                cross(to_start, side) / cross(along, side)
+            }
+            Self::Arc { radius, .. } => {
+                let (ahead, aside) = (dot(to_start, along), cross(along, to_start));
+                ahead + (radius * radius - aside * aside).sqrt()
+            }
+        };
+        let point = [origin[0] + reach * along[0], origin[1] + reach * along[1]];
+        let (arc_length, off) = self.project(point);
+        // a ray through a corner may miss both its sides by rounding; NaN (parallel) is no hit
+        (reach >= 0.0 && off <= RESOLUTION * self.length()).then_some((arc_length, reach))
+    }
+}
+
+/// One closed loop of an outline, the skin on its left: the outer loop counter-clockwise, holes
+/// clockwise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Loop {
+    pieces: Vec<Piece>,
+    /// Arc length at which each piece starts.
+    starts_m: Vec<f64>,
+    length_m: f64,
+}
+
+impl Loop {
+    fn new(pieces: Vec<Piece>) -> Self {
+        let mut length_m = 0.0;
+        let mut starts_m = Vec::with_capacity(pieces.len());
+        for piece in &pieces {
+            starts_m.push(length_m);
+            length_m += piece.length();
+        }
+        Self { pieces, starts_m, length_m }
+    }
+
+    fn polygon(corners: &[[f64; 2]], counterclockwise: bool) -> Self {
+        let mut corners = corners.to_vec();
+        if (signed_area(&corners) > 0.0) != counterclockwise {
+            corners.reverse();
+        }
+        let next = corners.iter().cycle().skip(1);
+        Self::new(corners.iter().zip(next).map(|(&from, &to)| Piece::Line { from, to }).collect())
+    }
+
+    /// Length once around, metres.
+    pub fn length_m(&self) -> f64 {
+        self.length_m
+    }
+
+    /// The point at an arc length from the start of the loop, metres; lengths beyond the end
+    /// (or below zero) go around again.
+    pub fn point_at(&self, arc_length_m: f64) -> [f64; 2] {
+        let s = arc_length_m.rem_euclid(self.length_m);
+        let piece = self.piece_at(s);
+        self.pieces[piece].point_at(s - self.starts_m[piece])
+    }
+
+    /// The nearest point of the loop: its arc length and the distance to it, metres.
+    pub fn project(&self, point_m: [f64; 2]) -> (f64, f64) {
+        let mut nearest = (0.0, f64::INFINITY);
+        for (piece, start) in self.pieces.iter().zip(&self.starts_m) {
+            let (s, off) = piece.project(point_m);
+            if off < nearest.1 {
+                nearest = (start + s, off);
+            }
+        }
+        nearest
+    }
+
+    /// Arc lengths of the corners, metres, ascending. A full circle has none.
+    pub(crate) fn corners_m(&self) -> &[f64] {
+        match self.pieces[..] {
+            [Piece::Arc { .. }] => &[],
+            _ => &self.starts_m,
+        }
+    }
+
+    /// Largest edge that keeps a chord within 30 degrees of arc, so that even a coarse mesh
+    /// has the shape of the skin; infinite where the loop is straight. Metres.
+    pub(crate) fn largest_chord_m(&self) -> f64 {
+        let chord = |piece: &Piece| match *piece {
+            Piece::Line { .. } => f64::INFINITY,
+            Piece::Arc { radius, .. } => radius * TAU / 12.0,
+        };
+        self.pieces.iter().map(chord).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Index of the piece at an arc length between zero and the length.
+    fn piece_at(&self, s: f64) -> usize {
+        self.starts_m.partition_point(|&start| start <= s).saturating_sub(1)
+    }
+
+    /// Outermost point seen from `origin` at an angle: its arc length.
+    fn outermost_at(&self, origin: [f64; 2], angle_rad: f64) -> Option<f64> {
+        let along = [angle_rad.cos(), angle_rad.sin()];
+        self.pieces
+            .iter()
+            .zip(&self.starts_m)
+            .filter_map(|(piece, start)| {
+                piece.outermost_hit(origin, along).map(|(s, reach)| (start + s, reach))
+            })
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(s, _)| s)
+    }
+}
+
+/// The outline of a flat skin: one outer loop and the holes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outline {
+    /// Outer loop first.
+    loops: Vec<Loop>,
+    centre: [f64; 2],
+}
+
+impl Outline {
+    /// A disc centred at the origin; arc length starts on the +x axis.
+    ///
+    /// # Errors
+    /// [`MeshError::OutOfRange`].
+    pub fn disc(radius_m: f64) -> Result<Self, MeshError> {
+        let radius = in_range("radius_m", radius_m)?;
+        let rim = Piece::Arc { centre: [0.0; 2], radius, from_rad: 0.0, sweep_rad: TAU };
+        Ok(Self { loops: vec![Loop::new(vec![rim])], centre: [0.0; 2] })
+    }
+
+    /// A rectangle centred at the origin; arc length starts at its lower left corner.
+    ///
+    /// # Errors
+    /// [`MeshError::OutOfRange`].
+    pub fn rectangle(width_m: f64, height_m: f64) -> Result<Self, MeshError> {
+        let x = 0.5 * in_range("width_m", width_m)?;
+        let y = 0.5 * in_range("height_m", height_m)?;
+        Self::polygon(&[[-x, -y], [x, -y], [x, y], [-x, y]], &[])
+    }
+
+    /// A polygon with holes, loops turning either way.
+    ///
+    /// All pairs of sides are compared: quadratic in the number of corners (10 000: 1 s).
+    ///
+    /// # Errors
+    /// [`MeshError::BadOutline`] with the place, or [`MeshError::OutOfRange`].
+    pub fn polygon(outline_m: &[[f64; 2]], holes_m: &[Vec<[f64; 2]>]) -> Result<Self, MeshError> {
+        check_polygon(outline_m, holes_m)?;
+        let mut loops = vec![Loop::polygon(outline_m, true)];
+        loops.extend(holes_m.iter().map(|hole| Loop::polygon(hole, false)));
+        Ok(Self { loops, centre: centroid(outline_m) })
+    }
+
+    /// The loops: outer loop first, then the holes in their order.
+    pub fn loops(&self) -> &[Loop] {
+        &self.loops
+    }
+
+    /// Centroid of the area inside the outer loop (holes not taken off), metres.
+    pub fn centre_m(&self) -> [f64; 2] {
+        self.centre
+    }
+
+    /// Area, square metres.
+    pub fn area_m2(&self) -> f64 {
+        let under = |piece: &Piece| match *piece {
+            Piece::Line { from, to } => 0.5 * cross(from, to),
+            Piece::Arc { centre, radius, sweep_rad, .. } => {
+                let from = piece.point_at(0.0);
+                let to = piece.point_at(piece.length());
+                0.5 * (radius * radius * sweep_rad + cross(centre, [to[0] - from[0], to[1] - from[1]]))
+            }
+        };
+        self.loops.iter().flat_map(|l| &l.pieces).map(under).sum()
+    }
+
+    /// Arc length on the outer loop of the outermost rim point seen from the centroid at an
+    /// angle counter-clockwise from +x.
+    ///
+    /// # Errors
+    /// [`MeshError::OutOfRange`] where no rim is seen at that angle: the angle is not finite, or
+    /// the outline bends so far that its centroid lies outside.
+    pub fn arc_length_at_angle(&self, angle_deg: f64) -> Result<f64, MeshError> {
+        self.loops[0].outermost_at(self.centre, angle_deg.to_radians()).ok_or(
+            MeshError::OutOfRange {
+                quantity: "first_angle_deg",
+                value: angle_deg,
+                must: "a finite angle at which the rim is seen from the centroid of the outline \
+                       (else give positions_m)",
+            },
+        )
+    }
+
+    /// Box around the outer loop: `[low, high]`, metres.
+    pub(crate) fn bounds_m(&self) -> [[f64; 2]; 2] {
+        let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+        for piece in &self.loops[0].pieces {
+            for k in 0..2 {
+                let (low, high) = match *piece {
+                    Piece::Line { from, to } => (from[k].min(to[k]), from[k].max(to[k])),
+                    Piece::Arc { centre, radius, .. } => (centre[k] - radius, centre[k] + radius),
+                };
+                bounds[0][k] = bounds[0][k].min(low);
+                bounds[1][k] = bounds[1][k].max(high);
+            }
+        }
+        bounds
+    }
+
+    /// Distance from the rim point at `arc_length_m` on a loop to the nearest piece of the outline
+    /// that is neither its own nor next to its own on the same loop, metres; infinite if none.
+    pub(crate) fn clearance_m(&self, loop_index: usize, arc_length_m: f64) -> f64 {
+        let own = &self.loops[loop_index];
+        let (piece, count) = (own.piece_at(arc_length_m), own.pieces.len());
+        let point = own.point_at(arc_length_m);
+        let mut nearest = f64::INFINITY;
+        for (index, l) in self.loops.iter().enumerate() {
+            for (k, other) in l.pieces.iter().enumerate() {
+                let steps = (k + count - piece) % count;
+                let adjacent = index == loop_index && (steps <= 1 || steps + 1 == count);
+                // a corner also belongs to the piece before its own
+                let at_corner = arc_length_m <= own.starts_m[piece];
+                let before = index == loop_index && at_corner && steps + 2 == count;
+                if !adjacent && !before {
+                    nearest = nearest.min(other.project(point).1);
+                }
+            }
+        }
+        nearest
+    }
+
+    /// Distance below which two points of the outline are one, metres.
+    pub(crate) fn resolution_m(&self) -> f64 {
+        RESOLUTION * self.loops[0].length_m
+    }
+}
+
+pub(crate) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    dot([b[0] - a[0], b[1] - a[1]], [b[0] - a[0], b[1] - a[1]]).sqrt()
+}
+
+pub(crate) fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[0] + a[1] * b[1]
+}
+
+pub(crate) fn cross(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[1] - a[1] * b[0]
+}
+
+/// Shoelace formula about the first corner: positive where counter-clockwise.
+fn signed_area(corners: &[[f64; 2]]) -> f64 {
+    0.5 * triangles_from_first(corners).map(|(twice_area, _)| twice_area).sum::<f64>()
+}
+
+fn centroid(corners: &[[f64; 2]]) -> [f64; 2] {
+    let twice_area: f64 = triangles_from_first(corners).map(|t| t.0).sum();
+    std::array::from_fn(|k| triangles_from_first(corners).map(|(a, c)| a * c[k]).sum::<f64>() / twice_area)
+}
+
+/// The fan of triangles about the first corner: twice the signed area, and centroid, of each.
+/// Differences from the first corner keep the digits of an outline far from the origin.
+fn triangles_from_first(corners: &[[f64; 2]]) -> impl Iterator<Item = (f64, [f64; 2])> + '_ {
+    let origin = corners.first().copied().unwrap_or_default();
+    corners.windows(2).map(move |side| {
+        let [a, b] = [0, 1].map(|k| [side[k][0] - origin[0], side[k][1] - origin[1]]);
+        let centre = std::array::from_fn(|k| origin[k] + (a[k] + b[k]) / 3.0);
+        (cross(a, b), centre)
+    })
+}

@@ -1,0 +1,294 @@
+//! A mesh from a Gmsh file: nodes numbered, groups resolved to electrodes.
+
+use super::gmsh_sections::{Element, Sections, read_sections};
+use crate::{Electrode, Mesh, MeshError, Surface};
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+
+/// Reads an ASCII Gmsh file, version 2.2 or 4.1. See [`parse_gmsh`].
+///
+/// # Errors
+/// [`MeshError::Io`] if the file cannot be read, else those of [`parse_gmsh`].
+pub fn read_gmsh(path: impl AsRef<Path>) -> Result<Mesh, MeshError> {
+    let name = path.as_ref().display().to_string();
+    match std::fs::read(&path) {
+        Ok(bytes) => parse_gmsh(&bytes, &name),
+        Err(error) => Err(MeshError::Io { path: name, reason: error.to_string() }),
+    }
+}
+
+/// A mesh from the bytes of an ASCII Gmsh file, version 2.2 or 4.1. Coordinates are metres.
+///
+/// Every triangle belongs to the skin. Lines of a physical curve named `electrode_N` (N from 1)
+/// are rim electrode N, triangles of a physical surface of that name are patch electrode N; no
+/// electrode at all is allowed. Points, other lines and other groups are passed over, as are
+/// sections other than those of the mesh. Nodes that no triangle uses are dropped; apart from
+/// that nodes, triangles and an electrode's lines keep the file's order, and a patch's triangles
+/// ascend (2.2 files repeat an element for each of its groups: it is one triangle).
+///
+/// `file` names the file in messages.
+///
+/// # Errors
+/// [`MeshError::Parse`] with the 1-based line (0: the whole file) for everything that is wrong
+/// with the file or with the mesh in it, also what [`Surface::new`] and [`Mesh::new`] refuse. The
+/// node and triangle indices in their messages are 0-based in file order.
+pub fn parse_gmsh(bytes: &[u8], file: &str) -> Result<Mesh, MeshError> {
+    let sections = read_sections(bytes, file)?;
+    let at = |(line, problem)| MeshError::Parse { file: file.into(), line, problem };
+    let names = electrode_names(&sections).map_err(at)?;
+    let Resolved { nodes, triangles, triangle_lines, electrodes, node_of_tag } =
+        resolve(&sections, &names).map_err(at)?;
+    let lines = ErrorLines { sections: &sections, names: &names, triangle_lines, node_of_tag };
+    Surface::new(nodes, triangles)
+        .and_then(|surface| Mesh::new(surface, electrodes))
+        .map_err(|error| at((lines.line_of(&error), error.to_string())))
+}
+
+/// Finds the line that an error of [`Surface::new`] or [`Mesh::new`] is about.
+struct ErrorLines<'a> {
+    sections: &'a Sections,
+    names: &'a BTreeMap<usize, ElectrodeName>,
+    triangle_lines: Vec<usize>,
+    node_of_tag: HashMap<u64, NodeOfTag>,
+}
+
+impl ErrorLines<'_> {
+    /// 1-based line, 0 where it is about the whole file.
+    fn line_of(&self, error: &MeshError) -> usize {
+        match *error {
+            MeshError::ZeroArea { triangle, .. }
+            | MeshError::NotOrientable { triangle }
+            | MeshError::Unconnected { triangle, .. } => {
+                self.triangle_lines.get(triangle).copied().unwrap_or(0)
+            }
+            MeshError::NonManifoldEdge { edge, .. } => {
+                self.last_on_edge(&self.sections.triangles, edge)
+            }
+            MeshError::NotOnRim { edge, .. } => self.last_on_edge(&self.sections.edges, edge),
+            MeshError::OverlappingElements { second, .. } => {
+                self.names.get(&second).map_or(0, |name| name.line)
+            }
+            _ => 0,
+        }
+    }
+
+    fn last_on_edge<const N: usize>(&self, elements: &[Element<N>], edge: [u32; 2]) -> usize {
+        let index = |tag: &u64| self.node_of_tag.get(tag).and_then(|node| node.index);
+        let on_edge = |element: &&Element<N>| {
+            edge.iter().all(|&end| element.nodes.iter().any(|tag| index(tag) == Some(end)))
+        };
+        elements.iter().rfind(on_edge).map_or(0, |element| element.line)
+    }
+}
+
+/// What is wrong, and the line (0: the whole file).
+type Problem = (usize, String);
+
+/// Where an electrode is named: dimension (1 lines, 2 triangles), tags and line.
+struct ElectrodeName {
+    dimension: u8,
+    tags: Vec<u64>,
+    line: usize,
+}
+
+/// Electrode number of a group's name. `Err` for a name that is meant as one but is not.
+fn electrode_number(name: &str) -> Result<Option<usize>, String> {
+    let prefix = "electrode";
+    let Some(rest) = name.get(..prefix.len()).filter(|p| p.eq_ignore_ascii_case(prefix)) else {
+        return Ok(None);
+    };
+    let tail = name[rest.len()..].trim_start_matches(['_', '-', ' ']);
+    if tail.is_empty() || !tail.bytes().all(|b| b.is_ascii_digit()) {
+        return Ok(None);
+    }
+    match tail.parse::<usize>() {
+        Ok(number) if number > 0 && name == format!("electrode_{number}") => Ok(Some(number)),
+        _ => Err(format!(
+            "the group \"{name:.60}\" looks like an electrode: name it electrode_N, N from 1 \
+             without leading zeros"
+        )),
+    }
+}
+
+/// The named electrodes by number; refuses names in two dimensions and missing numbers.
+fn electrode_names(
+    sections: &Sections,
+) -> Result<BTreeMap<usize, ElectrodeName>, Problem> {
+    let mut names: BTreeMap<usize, ElectrodeName> = BTreeMap::new();
+    for group in &sections.names {
+        let line = group.line;
+        let Some(number) = electrode_number(&group.name).map_err(|p| (line, p))? else { continue };
+        let dimension = group.dimension;
+        if !(1..=2).contains(&dimension) {
+            let problem = format!(
+                "electrode_{number} is a group of dimension {dimension}: an electrode has a \
+                 width, make it a physical curve (rim) or surface (patch)"
+            );
+            return Err((line, problem));
+        }
+        let name = names.entry(number).or_insert(ElectrodeName { dimension, tags: vec![], line });
+        if name.dimension != dimension {
+            let problem = format!(
+                "electrode_{number} is a physical curve and a physical surface: an electrode is \
+                 one of them, rename the other"
+            );
+            return Err((line, problem));
+        }
+        name.tags.push(group.tag);
+    }
+    if let Some(missing) = (1..=names.len()).find(|n| !names.contains_key(n)) {
+        let last = names.keys().next_back().copied().unwrap_or(0);
+        let problem = format!(
+            "electrode_{missing} is missing, but electrode_{last} is there: number the \
+             electrodes from 1 without gaps"
+        );
+        return Err((0, problem));
+    }
+    Ok(names)
+}
+
+/// A node of the file and, once a triangle uses it, its index in the mesh.
+struct NodeOfTag {
+    position: usize,
+    index: Option<u32>,
+}
+
+/// What the mesh is made of.
+struct Resolved {
+    nodes: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
+    triangle_lines: Vec<usize>,
+    electrodes: Vec<Electrode>,
+    node_of_tag: HashMap<u64, NodeOfTag>,
+}
+
+/// Tags to indices, groups to electrodes.
+fn resolve(
+    sections: &Sections,
+    names: &BTreeMap<usize, ElectrodeName>,
+) -> Result<Resolved, Problem> {
+    let (nodes, node_of_tag) = number_nodes(sections)?;
+    let index = |tag: u64, line: usize| match node_of_tag.get(&tag) {
+        Some(NodeOfTag { index: Some(index), .. }) => Ok(*index),
+        Some(_) => Err((line, format!("node {tag} of an electrode belongs to no triangle"))),
+        None => Err((line, format!("node {tag} is not in $Nodes"))),
+    };
+    let groups = electrode_groups(sections, names)?;
+    let mut rims = vec![Vec::new(); names.len()];
+    for edge in &sections.edges {
+        if let Some(&number) = groups.get(&(1, edge.group)) {
+            let [a, b] = edge.nodes;
+            rims[number - 1].push([index(a, edge.line)?, index(b, edge.line)?]);
+        }
+    }
+    let mut patches: Vec<Vec<u32>> = vec![Vec::new(); names.len()];
+    let mut triangles = Vec::with_capacity(sections.triangles.len());
+    let mut triangle_lines = Vec::with_capacity(sections.triangles.len());
+    let mut known: HashMap<[u64; 3], usize> = HashMap::with_capacity(sections.triangles.len());
+    for triangle in &sections.triangles {
+        let mut key = triangle.nodes;
+        key.sort_unstable();
+        let number = *known.entry(key).or_insert(triangles.len());
+        if number == triangles.len() {
+            let [a, b, c] = triangle.nodes;
+            let line = triangle.line;
+            triangles.push([index(a, line)?, index(b, line)?, index(c, line)?]);
+            triangle_lines.push(line);
+        }
+        if let Some(&electrode) = groups.get(&(2, triangle.group)) {
+            let index = u32::try_from(number).map_err(|_| (triangle.line, too_many("triangles")))?;
+            patches[electrode - 1].push(index);
+        }
+    }
+    let mut electrodes = Vec::with_capacity(names.len());
+    for (name, (rim, mut patch)) in names.iter().zip(rims.into_iter().zip(patches)) {
+        let (number, name) = name;
+        if rim.is_empty() && patch.is_empty() {
+            let what = if name.dimension == 1 { "line" } else { "triangle" };
+            return Err((name.line, format!("electrode_{number} is named but has no {what}")));
+        }
+        patch.sort_unstable();
+        patch.dedup();
+        electrodes.push(match name.dimension {
+            1 => Electrode::Rim(rim),
+            _ => Electrode::Patch(patch),
+        });
+    }
+    Ok(Resolved { nodes, triangles, triangle_lines, electrodes, node_of_tag })
+}
+
+fn too_many(what: &str) -> String {
+    format!("more {what} than 32-bit indices can name: use a coarser mesh")
+}
+
+/// Positions of the nodes that triangles use, in file order, and all nodes by tag.
+fn number_nodes(
+    sections: &Sections,
+) -> Result<(Vec<[f64; 3]>, HashMap<u64, NodeOfTag>), Problem> {
+    let mut by_tag: HashMap<u64, NodeOfTag> = HashMap::with_capacity(sections.nodes.len());
+    for (position, node) in sections.nodes.iter().enumerate() {
+        if let Some(first) = by_tag.insert(node.tag, NodeOfTag { position, index: None }) {
+            let first = sections.nodes[first.position].line;
+            let problem = format!("node {} again, first on line {first}: remove one", node.tag);
+            return Err((node.line, problem));
+        }
+    }
+    let mut used = vec![false; sections.nodes.len()];
+    for triangle in &sections.triangles {
+        for tag in triangle.nodes {
+            if let Some(node) = by_tag.get(&tag) {
+                used[node.position] = true;
+            }
+        }
+    }
+    let mut positions_m = Vec::new();
+    for (node, used) in sections.nodes.iter().zip(used) {
+        if used {
+            let index = u32::try_from(positions_m.len())
+                .map_err(|_| (node.line, too_many("nodes")))?;
+            positions_m.push(node.position_m);
+            if let Some(entry) = by_tag.get_mut(&node.tag) {
+                entry.index = Some(index);
+            }
+        }
+    }
+    Ok((positions_m, by_tag))
+}
+
+/// Electrode of each group (dimension, tag) that elements name; a group has one at most.
+fn electrode_groups(
+    sections: &Sections,
+    names: &BTreeMap<usize, ElectrodeName>,
+) -> Result<HashMap<(u8, i64), usize>, Problem> {
+    let mut of_physical: HashMap<(u8, u64), usize> = HashMap::new();
+    for (&number, name) in names {
+        for &tag in &name.tags {
+            let other = of_physical.insert((name.dimension, tag), number);
+            if let Some(other) = other.filter(|&o| o != number) {
+                let problem = format!("group {tag} is named electrode_{other} and _{number}");
+                return Err((name.line, problem));
+            }
+        }
+    }
+    let mut groups = HashMap::new();
+    let Some(entities) = &sections.entities else {
+        for ((dimension, tag), number) in of_physical {
+            if let Ok(tag) = i64::try_from(tag) {
+                groups.insert((dimension, tag), number);
+            }
+        }
+        return Ok(groups);
+    };
+    for (&(dimension, tag), entity) in entities {
+        let mut numbers =
+            entity.physical.iter().filter_map(|&tag| of_physical.get(&(dimension, tag)).copied());
+        if let Some(number) = numbers.next() {
+            if let Some(other) = numbers.find(|&other| other != number) {
+                let problem = format!("entity {tag} is in electrode_{number} and _{other}");
+                return Err((entity.line, problem));
+            }
+            groups.insert((dimension, tag), number);
+        }
+    }
+    Ok(groups)
+}

@@ -1,0 +1,423 @@
+//! The sections of an ASCII Gmsh file, 2.2 and 4.1, as they stand: nothing is resolved yet.
+//!
+//! Format: Gmsh reference manual, "MSH file format" (4.1) and "MSH file format version 2
+//! (Legacy)". Counts in the file only say how many lines to expect; nothing is allocated by
+//! them, so memory stays within a small multiple of the file's size.
+
+use crate::MeshError;
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::str::{FromStr, SplitAsciiWhitespace};
+
+/// A physical group: dimension, tag, name, and the line that names it.
+pub(super) struct PhysicalName {
+    pub(super) dimension: u8,
+    pub(super) tag: u64,
+    pub(super) name: String,
+    pub(super) line: usize,
+}
+
+/// A node: its tag, position (metres) and line.
+pub(super) struct Node {
+    pub(super) tag: u64,
+    pub(super) position_m: [f64; 3],
+    pub(super) line: usize,
+}
+
+/// Physical tags of an entity of a 4.1 file, without repeats, and its line.
+pub(super) struct Entity {
+    pub(super) physical: Vec<u64>,
+    pub(super) line: usize,
+}
+
+/// Entities by dimension and tag.
+pub(super) type Entities = HashMap<(u8, i64), Entity>;
+
+/// A line or triangle: node tags, group (2.2: physical tag; 4.1: entity tag) and line.
+pub(super) struct Element<const N: usize> {
+    pub(super) nodes: [u64; N],
+    pub(super) group: i64,
+    pub(super) line: usize,
+}
+
+/// What a file says, in file order.
+#[derive(Default)]
+pub(super) struct Sections {
+    pub(super) names: Vec<PhysicalName>,
+    /// The entities of a 4.1 file; `None` in a 2.2 file.
+    pub(super) entities: Option<Entities>,
+    pub(super) nodes: Vec<Node>,
+    pub(super) edges: Vec<Element<2>>,
+    pub(super) triangles: Vec<Element<3>>,
+}
+
+/// Reads all sections.
+pub(super) fn read_sections(bytes: &[u8], file: &str) -> Result<Sections, MeshError> {
+    let mut lines = Lines::new(bytes, file);
+    let mut sections = Sections::default();
+    let mut seen: Vec<String> = Vec::new();
+    while let Some(line) = lines.next_line() {
+        let Some(name) = line.strip_prefix('$') else {
+            let problem = format!("\"{}\" is outside every section: a Gmsh file starts with $MeshFormat", short(&line));
+            return Err(lines.error(problem));
+        };
+        if KNOWN.contains(&name) {
+            if seen.iter().any(|s| s == name) {
+                return Err(lines.error(format!("section ${name} appears twice: remove one")));
+            }
+            if name != "MeshFormat" && seen.first().is_none_or(|s| s != "MeshFormat") {
+                return Err(lines.error(format!("section ${name} comes before $MeshFormat")));
+            }
+            seen.push(name.to_string());
+        }
+        let is_4 = sections.entities.is_some();
+        match name {
+            "MeshFormat" => sections.entities = mesh_format(&mut lines)?,
+            "PhysicalNames" => physical_names(&mut lines, &mut sections)?,
+            "Entities" if is_4 => entities(&mut lines, &mut sections)?,
+            "Nodes" if is_4 => nodes_4(&mut lines, &mut sections)?,
+            "Nodes" => nodes_2(&mut lines, &mut sections)?,
+            "Elements" if is_4 => elements_4(&mut lines, &mut sections)?,
+            "Elements" => elements_2(&mut lines, &mut sections)?,
+            "PartitionedEntities" => {
+                return Err(lines.error("the mesh is partitioned: save it in one part (Gmsh: Mesh, Unpartition)"));
+            }
+            other => {
+                lines.skip_section(other)?;
+                continue;
+            }
+        }
+        lines.end(name)?;
+    }
+    match KNOWN[..2].iter().chain(["Elements"].iter()).find(|n| !seen.iter().any(|s| s == *n)) {
+        Some(missing) => Err(lines.error(format!("the file ends without a section ${missing}"))),
+        None => Ok(sections),
+    }
+}
+
+/// Sections that may appear once; the first two and `Elements` must.
+const KNOWN: [&str; 5] = ["MeshFormat", "Nodes", "Elements", "PhysicalNames", "Entities"];
+
+/// `version file-type data-size`; `None` for 2.2, an empty map of entities for 4.1.
+fn mesh_format(lines: &mut Lines<'_>) -> Result<Option<Entities>, MeshError> {
+    let line = lines.content("MeshFormat", "its version")?;
+    let mut fields = lines.fields(&line);
+    let version: f64 = fields.next("the version")?;
+    let file_type: u8 = fields.next("the file type (0 ASCII, 1 binary)")?;
+    if file_type != 0 {
+        return Err(lines.error(
+            "the file is binary: save it as ASCII (Gmsh's export dialog offers it, or \
+             gmsh IN.msh -save -setnumber Mesh.Binary 0 -o OUT.msh)",
+        ));
+    }
+    if version == 2.2 {
+        Ok(None)
+    } else if version == 4.1 {
+        Ok(Some(HashMap::new()))
+    } else {
+        Err(lines.error(format!(
+            "version {version} is not read: save it as 4.1 or 2.2 \
+             (gmsh IN.msh -save -format msh41 -o OUT.msh)"
+        )))
+    }
+}
+
+/// A count, then `dimension tag "name"` lines.
+fn physical_names(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), MeshError> {
+    let count: u64 = lines.count("PhysicalNames")?;
+    for _ in 0..count {
+        let line = lines.content("PhysicalNames", "all its names are there")?;
+        let mut fields = lines.fields(&line);
+        let dimension = fields.next("the dimension")?;
+        let tag: i64 = fields.next("the tag")?;
+        let name = fields.rest().trim_matches('"').to_string();
+        let tag = tag.unsigned_abs();
+        sections.names.push(PhysicalName { dimension, tag, name, line: lines.number });
+    }
+    Ok(())
+}
+
+/// Counts of points, curves, surfaces and volumes, then one line each:
+/// `tag box physical-count physical-tags ...` (a point has 3 coordinates for the box's 6).
+fn entities(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), MeshError> {
+    let line = lines.content("Entities", "its counts")?;
+    let mut fields = lines.fields(&line);
+    let mut counts = [0_u64; 4];
+    for count in &mut counts {
+        *count = fields.next("a count of entities")?;
+    }
+    for (dimension, &count) in (0_u8..).zip(&counts) {
+        for _ in 0..count {
+            let line = lines.content("Entities", "all its entities are there")?;
+            let mut fields = lines.fields(&line);
+            let tag: i64 = fields.next("the entity's tag")?;
+            for _ in 0..if dimension == 0 { 3 } else { 6 } {
+                fields.next::<f64>("the entity's box")?;
+            }
+            let physical_count: u64 = fields.next("the number of physical tags")?;
+            let mut physical = Vec::new();
+            for _ in 0..physical_count {
+                physical.push(fields.next::<i64>("a physical tag")?.unsigned_abs());
+            }
+            physical.sort_unstable();
+            physical.dedup();
+            if let Some(entities) = &mut sections.entities {
+                entities.insert((dimension, tag), Entity { physical, line: lines.number });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A count, then `tag x y z` lines.
+fn nodes_2(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), MeshError> {
+    let count = lines.count("Nodes")?;
+    for _ in 0..count {
+        let line = lines.content("Nodes", "all its nodes are there")?;
+        let mut fields = lines.fields(&line);
+        let tag = fields.next("the node's tag")?;
+        let position_m = fields.position()?;
+        fields.finish()?;
+        sections.nodes.push(Node { tag, position_m, line: lines.number });
+    }
+    Ok(())
+}
+
+/// `blocks nodes min-tag max-tag`, then blocks: `dimension entity parametric count`, the tags,
+/// the positions (with parameters behind them if parametric).
+fn nodes_4(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), MeshError> {
+    let blocks = lines.count("Nodes")?;
+    for _ in 0..blocks {
+        let line = lines.content("Nodes", "all its blocks are there")?;
+        let mut fields = lines.fields(&line);
+        fields.next::<i64>("the dimension")?;
+        fields.next::<i64>("the entity's tag")?;
+        let parametric: i64 = fields.next("the parametric flag")?;
+        let count: u64 = fields.next("the number of nodes in the block")?;
+        let start = sections.nodes.len();
+        for _ in 0..count {
+            let line = lines.content("Nodes", "all tags of the block are there")?;
+            let mut fields = lines.fields(&line);
+            let tag = fields.next("the node's tag")?;
+            fields.finish()?;
+            sections.nodes.push(Node { tag, position_m: [0.0; 3], line: 0 });
+        }
+        for node in &mut sections.nodes[start..] {
+            let line = lines.content("Nodes", "all positions of the block are there")?;
+            let mut fields = lines.fields(&line);
+            node.position_m = fields.position()?;
+            if parametric == 0 {
+                fields.finish()?;
+            }
+            node.line = lines.number;
+        }
+    }
+    Ok(())
+}
+
+/// A count, then `number type tag-count tags ... nodes ...` lines; the first tag is physical.
+fn elements_2(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), MeshError> {
+    let count = lines.count("Elements")?;
+    for _ in 0..count {
+        let line = lines.content("Elements", "all its elements are there")?;
+        let mut fields = lines.fields(&line);
+        fields.next::<u64>("the element's number")?;
+        let kind = fields.next("the element's type")?;
+        let tag_count: u64 = fields.next("the number of tags")?;
+        let mut group = 0;
+        for tag in 0..tag_count {
+            let value: i64 = fields.next("a tag")?;
+            if tag == 0 {
+                // a negative physical tag means the element runs against its entity
+                group = value.saturating_abs();
+            }
+        }
+        element(kind, &mut fields, group, sections)?;
+    }
+    Ok(())
+}
+
+/// `blocks elements min-tag max-tag`, then blocks: `dimension entity type count` and
+/// `tag nodes ...` lines.
+fn elements_4(lines: &mut Lines<'_>, sections: &mut Sections) -> Result<(), MeshError> {
+    let blocks = lines.count("Elements")?;
+    for _ in 0..blocks {
+        let line = lines.content("Elements", "all its blocks are there")?;
+        let mut fields = lines.fields(&line);
+        fields.next::<i64>("the dimension")?;
+        let group = fields.next("the entity's tag")?;
+        let kind = fields.next("the element type")?;
+        let count: u64 = fields.next("the number of elements in the block")?;
+        for _ in 0..count {
+            let line = lines.content("Elements", "all elements of the block are there")?;
+            let mut fields = lines.fields(&line);
+            fields.next::<u64>("the element's tag")?;
+            element(kind, &mut fields, group, sections)?;
+        }
+    }
+    Ok(())
+}
+
+/// Keeps a line or a triangle, passes over a point, refuses the rest with the way out.
+fn element(
+    kind: u32,
+    fields: &mut Fields<'_, '_>,
+    group: i64,
+    sections: &mut Sections,
+) -> Result<(), MeshError> {
+    let line = fields.lines.number;
+    match kind {
+        1 => sections.edges.push(Element { nodes: fields.tags()?, group, line }),
+        2 => sections.triangles.push(Element { nodes: fields.tags()?, group, line }),
+        15 => return Ok(()),
+        8 | 9 | 20..=28 => {
+            return Err(fields.lines.error(format!(
+                "element type {kind} is of second or higher order: mesh with order 1 (gmsh -order 1)"
+            )));
+        }
+        3 | 10 | 16 => {
+            return Err(fields.lines.error(
+                "a quadrangle: turn recombination off (Mesh.RecombineAll = 0, no Recombine \
+                 Surface), a skin is made of triangles",
+            ));
+        }
+        _ => {
+            return Err(fields.lines.error(format!(
+                "element type {kind} is no point, line or triangle: save the surface alone \
+                 (mesh with gmsh -2)"
+            )));
+        }
+    }
+    fields.finish()
+}
+
+/// The file line by line.
+pub(super) struct Lines<'a> {
+    rest: &'a [u8],
+    file: &'a str,
+    /// 1-based number of the line read last.
+    number: usize,
+}
+
+impl<'a> Lines<'a> {
+    fn new(bytes: &'a [u8], file: &'a str) -> Self {
+        // some Windows editors put a byte order mark in front
+        let rest = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+        Self { rest, file, number: 0 }
+    }
+
+    /// The next line that is not blank, trimmed; `None` at the end of the file.
+    fn next_line(&mut self) -> Option<Cow<'a, str>> {
+        while !self.rest.is_empty() {
+            let end = self.rest.iter().position(|&b| b == b'\n').unwrap_or(self.rest.len());
+            let line = self.rest[..end].trim_ascii();
+            self.rest = self.rest.get(end + 1..).unwrap_or(&[]);
+            self.number += 1;
+            if !line.is_empty() {
+                return Some(String::from_utf8_lossy(line));
+            }
+        }
+        None
+    }
+
+    /// The next line of a section; an error if the section or the file ends.
+    fn content(&mut self, section: &str, until: &str) -> Result<Cow<'a, str>, MeshError> {
+        match self.next_line() {
+            Some(line) if !line.starts_with('$') => Ok(line),
+            _ => Err(self.error(format!("section ${section} ends before {until}: is the file cut off?"))),
+        }
+    }
+
+    /// The first number of a section.
+    fn count(&mut self, section: &str) -> Result<u64, MeshError> {
+        let line = self.content(section, "its count")?;
+        self.fields(&line).next("a count")
+    }
+
+    fn end(&mut self, section: &str) -> Result<(), MeshError> {
+        match self.next_line() {
+            Some(line) if line.strip_prefix("$End") == Some(section) => Ok(()),
+            _ => Err(self.error(format!("$End{section} is missing here: is the section's count right?"))),
+        }
+    }
+
+    fn skip_section(&mut self, section: &str) -> Result<(), MeshError> {
+        let start = self.number;
+        while let Some(line) = self.next_line() {
+            if line.strip_prefix("$End") == Some(section) {
+                return Ok(());
+            }
+        }
+        let section = short(section);
+        Err(self.error(format!("section ${section} of line {start} has no $End{section}")))
+    }
+
+    fn fields<'l>(&'l self, line: &'l str) -> Fields<'l, 'a> {
+        Fields { words: line.split_ascii_whitespace(), line, lines: self }
+    }
+
+    /// An error at the line read last.
+    fn error(&self, problem: impl Into<String>) -> MeshError {
+        MeshError::Parse { file: self.file.into(), line: self.number, problem: problem.into() }
+    }
+}
+
+/// The words of one line.
+struct Fields<'l, 'a> {
+    words: SplitAsciiWhitespace<'l>,
+    line: &'l str,
+    lines: &'l Lines<'a>,
+}
+
+impl<'l> Fields<'l, '_> {
+    fn next<T: FromStr>(&mut self, what: &str) -> Result<T, MeshError> {
+        let Some(word) = self.words.next() else {
+            return Err(self.lines.error(format!("the line ends before {what}")));
+        };
+        word.parse().map_err(|_| {
+            self.lines.error(format!("\"{}\" is where {what} is expected", short(word)))
+        })
+    }
+
+    /// What follows the first two words.
+    fn rest(&self) -> &'l str {
+        let mut rest = self.line;
+        for _ in 0..2 {
+            rest = rest.trim_ascii_start();
+            rest = rest.find(|c: char| c.is_ascii_whitespace()).map_or("", |end| &rest[end..]);
+        }
+        rest.trim_ascii()
+    }
+
+    fn position(&mut self) -> Result<[f64; 3], MeshError> {
+        let mut position_m = [0.0; 3];
+        for x in &mut position_m {
+            *x = self.next("a coordinate")?;
+            if !f64::is_finite(*x) {
+                return Err(self.lines.error(format!("the coordinate {x} is not finite")));
+            }
+        }
+        Ok(position_m)
+    }
+
+    fn tags<const N: usize>(&mut self) -> Result<[u64; N], MeshError> {
+        let mut tags = [0; N];
+        for tag in &mut tags {
+            *tag = self.next("a node's tag")?;
+        }
+        Ok(tags)
+    }
+
+    /// Refuses words that are left over.
+    fn finish(&mut self) -> Result<(), MeshError> {
+        match self.words.next() {
+            None => Ok(()),
+            Some(word) => Err(self.lines.error(format!("\"{}\" is one word too many", short(word)))),
+        }
+    }
+}
+
+/// The first 40 characters: enough to recognise, harmless in a terminal line.
+fn short(text: &str) -> String {
+    text.chars().take(40).map(|c| if c.is_control() { '?' } else { c }).collect()
+}

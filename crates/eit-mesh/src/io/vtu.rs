@@ -1,0 +1,120 @@
+//! A mesh to a VTU file (VTK's XML format for unstructured grids), for ParaView and the like.
+//!
+//! Format: VTK file formats, "UnstructuredGrid". Arrays are inline base64 of little-endian
+//! values behind their length in bytes (`header_type="UInt64"`), so every value, also NaN,
+//! comes back bit for bit; VTK's text arrays cannot hold NaN.
+
+use super::{ElementField, check_fields, io_error};
+use crate::{Electrode, Mesh, MeshError};
+use std::io::{self, Write};
+
+/// VTK's cell types.
+const VTK_LINE: u8 = 3;
+const VTK_TRIANGLE: u8 = 5;
+
+/// Writes nodes, triangles and electrodes as a VTU file.
+///
+/// Cells are the triangles in the mesh's order, then the edges of the rim electrodes, as lines,
+/// electrode by electrode. The cell array `electrode` holds the 1-based electrode number of a
+/// line or patch triangle, 0 on bare skin. Each field becomes a cell array, NaN on the lines.
+/// Coordinates are metres and come back bit for bit.
+///
+/// `out` is written in small pieces: give a [`BufWriter`](std::io::BufWriter), and flush it.
+///
+/// # Errors
+/// [`MeshError::WrongLength`] for a field that does not fit the mesh,
+/// [`MeshError::BadFieldName`] for a name that XML cannot hold or that is "electrode",
+/// [`MeshError::Io`].
+pub fn write_vtu(
+    mesh: &Mesh,
+    out: &mut impl Write,
+    fields: &[ElementField<'_>],
+) -> Result<(), MeshError> {
+    check_fields(mesh, fields)?;
+    let bad = |f: &&ElementField<'_>| f.name == "electrode" || f.name.contains(char::is_control);
+    if let Some(field) = fields.iter().find(bad) {
+        return Err(MeshError::BadFieldName { name: field.name.into() });
+    }
+    write(mesh, out, fields).map_err(|error| io_error(&error))
+}
+
+fn write(mesh: &Mesh, out: &mut impl Write, fields: &[ElementField<'_>]) -> io::Result<()> {
+    let surface = mesh.surface();
+    let triangles = surface.triangles();
+    let mut electrode_of_cell = vec![0_i32; triangles.len()];
+    let mut edges: Vec<[u32; 2]> = Vec::new();
+    for (number, electrode) in (1..).zip(mesh.electrodes()) {
+        match electrode {
+            Electrode::Rim(rim) => {
+                edges.extend(rim);
+                electrode_of_cell.resize(triangles.len() + edges.len(), number);
+            }
+            Electrode::Patch(patch) => {
+                patch.iter().for_each(|&t| electrode_of_cell[t as usize] = number);
+            }
+        }
+    }
+    let cells = triangles.len() + edges.len();
+    let node = |&n: &u32| i64::from(n).to_le_bytes();
+    let ends = (1..=triangles.len()).map(|t| 3 * t);
+    let ends = ends.chain((1..=edges.len()).map(|e| 3 * triangles.len() + 2 * e));
+    let kinds = (0..cells).map(|c| if c < triangles.len() { VTK_TRIANGLE } else { VTK_LINE });
+
+    writeln!(
+        out,
+        "<?xml version=\"1.0\"?>\n\
+         <VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
+         header_type=\"UInt64\">\n<UnstructuredGrid>\n\
+         <Piece NumberOfPoints=\"{}\" NumberOfCells=\"{cells}\">\n<Points>",
+        surface.nodes().len()
+    )?;
+    let points = surface.nodes().iter().flatten().map(|x| x.to_le_bytes());
+    array(out, "type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"", points)?;
+    writeln!(out, "</Points>\n<Cells>")?;
+    let connectivity = triangles.iter().flatten().chain(edges.iter().flatten()).map(node);
+    array(out, "type=\"Int64\" Name=\"connectivity\"", connectivity)?;
+    array(out, "type=\"Int64\" Name=\"offsets\"", ends.map(|end| (end as i64).to_le_bytes()))?;
+    array(out, "type=\"UInt8\" Name=\"types\"", kinds.map(u8::to_le_bytes))?;
+    writeln!(out, "</Cells>\n<CellData>")?;
+    let numbers = electrode_of_cell.iter().map(|n| n.to_le_bytes());
+    array(out, "type=\"Int32\" Name=\"electrode\"", numbers)?;
+    for field in fields {
+        let on_edges = std::iter::repeat_n(&f64::NAN, edges.len());
+        let values = field.values.iter().chain(on_edges).map(|x| x.to_le_bytes());
+        array(out, &format!("type=\"Float64\" Name=\"{}\"", escape(field.name)), values)?;
+    }
+    writeln!(out, "</CellData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>")
+}
+
+/// One data array: its length in bytes and its values, together in base64.
+fn array<const N: usize>(
+    out: &mut impl Write,
+    attributes: &str,
+    values: impl Iterator<Item = [u8; N]>,
+) -> io::Result<()> {
+    let mut bytes = vec![0; 8];
+    values.for_each(|value| bytes.extend(value));
+    let length = (bytes.len() - 8) as u64;
+    bytes[..8].copy_from_slice(&length.to_le_bytes());
+    writeln!(out, "<DataArray {attributes} format=\"binary\">\n{}\n</DataArray>", base64(&bytes))
+}
+
+/// Base64 with padding (RFC 4648, section 4).
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for group in bytes.chunks(3) {
+        let byte = |k: usize| u32::from(group.get(k).copied().unwrap_or(0));
+        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
+        for k in 0..4 {
+            let digit = DIGITS[(bits >> (18 - 6 * k)) as usize & 63];
+            text.push(if k <= group.len() { char::from(digit) } else { '=' });
+        }
+    }
+    text
+}
+
+/// Text as an XML attribute's value.
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,0 +1,116 @@
+//! How well shaped a mesh is.
+
+use crate::surface::{norm, sub};
+use crate::{Electrode, Mesh};
+use std::fmt;
+
+/// Shape figures of a mesh.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Quality {
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Number of triangles.
+    pub triangles: usize,
+    /// Number of edges on the rim.
+    pub rim_edges: usize,
+    /// Smallest angle of any triangle, degrees.
+    pub smallest_angle_deg: f64,
+    /// Largest angle of any triangle, degrees.
+    pub largest_angle_deg: f64,
+    /// Mean over the triangles of `q = 4 sqrt(3) A / (a^2 + b^2 + c^2)`, with area `A` and sides
+    /// `a`, `b`, `c`: 1 is equilateral, 0 flat (Bhatia and Lawrence 1990).
+    pub mean_quality: f64,
+    /// Smallest `q`.
+    pub smallest_quality: f64,
+    /// Shortest edge, metres.
+    pub shortest_edge_m: f64,
+    /// Longest edge, metres.
+    pub longest_edge_m: f64,
+    /// Area, square metres.
+    pub area_m2: f64,
+    /// Edges (rim electrode) or triangles (patch electrode) of each electrode.
+    pub elements_per_electrode: Vec<usize>,
+}
+
+impl Quality {
+    /// Measures a mesh.
+    pub fn of(mesh: &Mesh) -> Self {
+        let surface = mesh.surface();
+        let mut report = Self {
+            nodes: surface.nodes().len(),
+            triangles: surface.triangles().len(),
+            rim_edges: surface.rim_edges().len(),
+            smallest_angle_deg: f64::INFINITY,
+            largest_angle_deg: 0.0,
+            mean_quality: 0.0,
+            smallest_quality: f64::INFINITY,
+            shortest_edge_m: f64::INFINITY,
+            longest_edge_m: 0.0,
+            area_m2: surface.areas_m2().iter().sum(),
+            elements_per_electrode: mesh.electrodes().iter().map(elements).collect(),
+        };
+        for (t, &area_m2) in surface.areas_m2().iter().enumerate() {
+            let [a, b, c] = surface.corners(t);
+            let sides = [norm(sub(c, b)), norm(sub(a, c)), norm(sub(b, a))];
+            for (k, angle_rad) in angles(sides, area_m2).into_iter().enumerate() {
+                report.smallest_angle_deg = report.smallest_angle_deg.min(angle_rad.to_degrees());
+                report.largest_angle_deg = report.largest_angle_deg.max(angle_rad.to_degrees());
+                report.shortest_edge_m = report.shortest_edge_m.min(sides[k]);
+                report.longest_edge_m = report.longest_edge_m.max(sides[k]);
+            }
+            let squares: f64 = sides.iter().map(|s| s * s).sum();
+            let quality = 4.0 * 3f64.sqrt() * area_m2 / squares;
+            report.mean_quality += quality / report.triangles as f64;
+            report.smallest_quality = report.smallest_quality.min(quality);
+        }
+        report
+    }
+
+    /// Longest edge over shortest.
+    pub fn edge_ratio(&self) -> f64 {
+        self.longest_edge_m / self.shortest_edge_m
+    }
+}
+
+fn elements(electrode: &Electrode) -> usize {
+    match electrode {
+        Electrode::Rim(edges) => edges.len(),
+        Electrode::Patch(triangles) => triangles.len(),
+    }
+}
+
+/// Angle opposite each side, radians: `tan = 4 A / (sum of the squares of the other sides - own
+/// square)`, which keeps its digits at all angles.
+fn angles(sides: [f64; 3], area_m2: f64) -> [f64; 3] {
+    let [a, b, c] = sides.map(|s| s * s);
+    [b + c - a, c + a - b, a + b - c].map(|cos_part| (4.0 * area_m2).atan2(cos_part))
+}
+
+impl fmt::Display for Quality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "nodes       {} ({} triangles, {} rim edges)",
+            self.nodes, self.triangles, self.rim_edges
+        )?;
+        writeln!(f, "area        {:.6e} m2", self.area_m2)?;
+        writeln!(
+            f,
+            "angles      {:.1} to {:.1} degrees",
+            self.smallest_angle_deg, self.largest_angle_deg
+        )?;
+        writeln!(f, "quality     {:.4} mean, {:.4} worst", self.mean_quality, self.smallest_quality)?;
+        write!(
+            f,
+            "edges       {:.3e} m to {:.3e} m (ratio {:.1})",
+            self.shortest_edge_m,
+            self.longest_edge_m,
+            self.edge_ratio()
+        )?;
+        let counts = &self.elements_per_electrode;
+        if let (Some(least), Some(most)) = (counts.iter().min(), counts.iter().max()) {
+            write!(f, "\nelectrodes  {} with {least} to {most} elements each", counts.len())?;
+        }
+        Ok(())
+    }
+}

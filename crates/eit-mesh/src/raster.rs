@@ -1,0 +1,374 @@
+//! Surface to pixels and back: a square grid over the skin and two area-weighted operators.
+//!
+//! Let `A[p, t]` be the area that pixel `p` and triangle `t` share, found by exact clipping
+//! ([`crate::overlap`]), `c[p] = sum_t A[p, t]` the covered area of a pixel and
+//! `a[t] = sum_{p in mask} A[p, t]` the part of a triangle that lies under the mask. Then
+//!
+//! ```text
+//! pixel_from_element[p, t] = A[p, t] / c[p]        element_from_pixel[t, p] = A[p, t] / a[t]
+//! ```
+//!
+//! Rows sum to one, so constants stay constant, and no value leaves the range of its sources.
+//!
+//! **Conservation.** `sum_p c[p] y[p] = sum_t a[t] x[t]` holds for `y = pixel_from_element x` and
+//! for `x = element_from_pixel y`: the integral over the part of the skin under the mask is kept.
+//! Where every touched pixel is in the mask, `a[t]` is the whole triangle and the integral over
+//! the skin is kept. Rim pixels less than half covered are outside the mask; what lies under
+//! them is in no pixel.
+//!
+//! **Order.** Values taken from a linear function at the centroids come back at the centres of
+//! fully covered pixels with an error of at most `|gradient| h` (h the longest edge), and
+//! O(h^2 / pixel) once triangles are smaller than pixels: only the triangles that a pixel's
+//! sides cut are wrong, by O(h), and they are O(h / pixel) of it. The other way the same holds
+//! with the two sizes exchanged.
+//!
+//! **Curved surfaces** are seen from +z: everything above is in areas projected on the x-y plane.
+//! A surface that lies over itself in that view is refused, since a pixel would mix two sheets.
+
+use crate::overlap::{Grid, Overlaps};
+use crate::{CsrMatrix, MeshError, Surface};
+use ndarray::{Array2, Array3, ArrayView2, ArrayViewMut2, ArrayViewMut3, Axis};
+
+/// Covered fraction from which a pixel belongs to the mask, less the rounding of its sum, so that
+/// pixels cut exactly in half fall on the same side everywhere.
+const MASK_COVERAGE: f64 = 0.5 - 1e-9;
+
+/// Most pixels on a side: 4096 squared is 134 MB of coverage alone.
+const PIXELS_LIMIT: usize = 4096;
+
+/// A grid of n x n square pixels over a skin and the operators between its pixels and triangles.
+///
+/// The grid is centred on the skin's bounding box and as wide as its longer side; row 0 is at the
+/// top (largest y), column 0 at the left (smallest x). A pixel belongs to the mask if the skin
+/// covers at least half of its area. Masked pixels are numbered row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Raster {
+    pixel_m: f64,
+    extent_m: [f64; 4],
+    coverage: Array2<f64>,
+    mask: Array2<bool>,
+    masked_pixels: Vec<[usize; 2]>,
+    covered_areas_m2: Vec<f64>,
+    masked_areas_m2: Vec<f64>,
+    pixel_from_element: CsrMatrix,
+    element_from_pixel: CsrMatrix,
+}
+
+impl Raster {
+    /// A raster of `pixels` x `pixels` over the surface.
+    ///
+    /// # Errors
+    /// [`MeshError::OutOfRange`] unless `pixels` is from 1 to 4096, [`MeshError::NoMaskedPixel`]
+    /// if no pixel is half covered, [`MeshError::UprightSurface`],
+    /// [`MeshError::FoldedSurface`] or [`MeshError::OverlappingSheets`] if the surface is on edge
+    /// or lies over itself seen from +z.
+    pub fn new(surface: &Surface, pixels: usize) -> Result<Self, MeshError> {
+        if !(1..=PIXELS_LIMIT).contains(&pixels) {
+            return Err(MeshError::OutOfRange {
+                quantity: "pixels",
+                value: pixels as f64,
+                must: "from 1 to 4096",
+            });
+        }
+        let grid = Grid::new(surface, pixels);
+        let (overlaps, coverage) = Overlaps::new(surface, &grid)?;
+        let mask = coverage.mapv(|c| c >= MASK_COVERAGE);
+        let masked_pixels: Vec<[usize; 2]> =
+            mask.indexed_iter().filter(|(_, m)| **m).map(|((r, c), _)| [r, c]).collect();
+        if masked_pixels.is_empty() {
+            let largest = coverage.iter().copied().fold(0.0, f64::max);
+            return Err(MeshError::NoMaskedPixel { pixels, largest });
+        }
+        let numbers = masked_numbers(&mask);
+        let pixel_m2 = grid.pixel_m * grid.pixel_m;
+        let masked_areas_m2 =
+            (0..surface.triangles().len()).map(|t| pixel_m2 * masked_area(&overlaps, t, &numbers));
+        Ok(Self {
+            pixel_m: grid.pixel_m,
+            extent_m: grid.extent_m(),
+            covered_areas_m2: masked_pixels.iter().map(|&p| coverage[p] * pixel_m2).collect(),
+            masked_areas_m2: masked_areas_m2.collect(),
+            pixel_from_element: pixel_from_element(&overlaps, &numbers, masked_pixels.len()),
+            element_from_pixel: element_from_pixel(surface, &grid, &overlaps, &numbers, &mask),
+            coverage,
+            mask,
+            masked_pixels,
+        })
+    }
+
+    /// Pixels on a side: images are [`pixels`, `pixels`].
+    pub fn pixels(&self) -> usize {
+        self.mask.nrows()
+    }
+
+    /// Side of a pixel, metres.
+    pub fn pixel_m(&self) -> f64 {
+        self.pixel_m
+    }
+
+    /// Outer edges of the grid, metres: `[x_min, x_max, y_min, y_max]`.
+    pub fn extent_m(&self) -> [f64; 4] {
+        self.extent_m
+    }
+
+    /// Centre of a pixel, metres: `[x, y]`.
+    pub fn centre_m(&self, row: usize, column: usize) -> [f64; 2] {
+        let [x_min, _, _, y_max] = self.extent_m;
+        [x_min + (column as f64 + 0.5) * self.pixel_m, y_max - (row as f64 + 0.5) * self.pixel_m]
+    }
+
+    /// Pixel `[row, column]` that holds a point (metres); `None` outside the grid.
+    pub fn pixel_at(&self, position_m: [f64; 2]) -> Option<[usize; 2]> {
+        let [x_min, x_max, y_min, y_max] = self.extent_m;
+        let inside = (x_min..=x_max).contains(&position_m[0])
+            && (y_min..=y_max).contains(&position_m[1]);
+        let index = |distance_m: f64| ((distance_m / self.pixel_m) as usize).min(self.pixels() - 1);
+        inside.then(|| [index(y_max - position_m[1]), index(position_m[0] - x_min)])
+    }
+
+    /// Which pixels belong to the skin: [row, column].
+    pub fn mask(&self) -> &Array2<bool> {
+        &self.mask
+    }
+
+    /// Fraction of each pixel's area that the skin covers, 0 to 1: [row, column]. Its sum times
+    /// the pixel's area is the skin's (projected) area.
+    pub fn coverage(&self) -> &Array2<f64> {
+        &self.coverage
+    }
+
+    /// `[row, column]` of each masked pixel, in the operators' order: row by row.
+    pub fn masked_pixels(&self) -> &[[usize; 2]] {
+        &self.masked_pixels
+    }
+
+    /// Area of skin in each masked pixel (`c` of the module's formulas), square metres.
+    pub fn covered_areas_m2(&self) -> &[f64] {
+        &self.covered_areas_m2
+    }
+
+    /// Area of each triangle that lies under the mask (`a` of the module's formulas), square
+    /// metres; zero where a triangle meets no masked pixel.
+    pub fn masked_areas_m2(&self) -> &[f64] {
+        &self.masked_areas_m2
+    }
+
+    /// Values per triangle to values per masked pixel: [masked pixel, triangle], rows sum to one.
+    pub fn pixel_from_element(&self) -> &CsrMatrix {
+        &self.pixel_from_element
+    }
+
+    /// Values per masked pixel to values per triangle: [triangle, masked pixel], rows sum to one.
+    ///
+    /// A triangle that meets no masked pixel takes the one whose centre is nearest to its
+    /// centroid (the first of equals).
+    pub fn element_from_pixel(&self) -> &CsrMatrix {
+        &self.element_from_pixel
+    }
+
+    /// Values per masked pixel as an image [row, column], NaN outside the mask.
+    ///
+    /// # Errors
+    /// [`MeshError::WrongLength`].
+    pub fn image_from_pixels(&self, pixels: &[f64]) -> Result<Array2<f64>, MeshError> {
+        let mut image = Array2::zeros(self.mask.raw_dim());
+        self.image_from_pixels_into(pixels, image.view_mut())?;
+        Ok(image)
+    }
+
+    /// [`image_from_pixels`](Self::image_from_pixels) without allocating.
+    ///
+    /// # Errors
+    /// [`MeshError::WrongLength`].
+    pub fn image_from_pixels_into(
+        &self,
+        pixels: &[f64],
+        mut image: ArrayViewMut2<'_, f64>,
+    ) -> Result<(), MeshError> {
+        check("masked pixels", pixels.len(), self.masked_pixels.len())?;
+        check("image rows", image.nrows(), self.pixels())?;
+        check("image columns", image.ncols(), self.pixels())?;
+        image.fill(f64::NAN);
+        for (&place, &value) in self.masked_pixels.iter().zip(pixels) {
+            image[place] = value;
+        }
+        Ok(())
+    }
+
+    /// Frames of values [frame, masked pixel] as images [frame, row, column], NaN outside.
+    ///
+    /// # Errors
+    /// [`MeshError::WrongLength`].
+    pub fn images_from_pixels(&self, frames: ArrayView2<'_, f64>) -> Result<Array3<f64>, MeshError> {
+        let mut images = Array3::zeros((frames.nrows(), self.pixels(), self.pixels()));
+        self.images_from_pixels_into(frames, images.view_mut())?;
+        Ok(images)
+    }
+
+    /// [`images_from_pixels`](Self::images_from_pixels) without allocating.
+    ///
+    /// # Errors
+    /// [`MeshError::WrongLength`].
+    pub fn images_from_pixels_into(
+        &self,
+        frames: ArrayView2<'_, f64>,
+        mut images: ArrayViewMut3<'_, f64>,
+    ) -> Result<(), MeshError> {
+        check("masked pixels", frames.ncols(), self.masked_pixels.len())?;
+        check("images", images.len_of(Axis(0)), frames.nrows())?;
+        check("image rows", images.len_of(Axis(1)), self.pixels())?;
+        check("image columns", images.len_of(Axis(2)), self.pixels())?;
+        images.fill(f64::NAN);
+        for (frame, mut image) in frames.rows().into_iter().zip(images.outer_iter_mut()) {
+            for (&place, &value) in self.masked_pixels.iter().zip(frame) {
+                image[place] = value;
+            }
+        }
+        Ok(())
+    }
+
+    /// Values per triangle as an image [row, column], NaN outside the mask.
+    ///
+    /// # Errors
+    /// [`MeshError::WrongLength`].
+    pub fn image_from_elements(&self, elements: &[f64]) -> Result<Array2<f64>, MeshError> {
+        let mut pixels = vec![0.0; self.masked_pixels.len()];
+        self.pixel_from_element.apply(elements, &mut pixels)?;
+        self.image_from_pixels(&pixels)
+    }
+
+    /// The masked pixels of an image [row, column], in the operators' order, without allocating.
+    /// Undoes [`image_from_pixels_into`](Self::image_from_pixels_into).
+    ///
+    /// # Errors
+    /// [`MeshError::WrongLength`].
+    pub fn pixels_from_image_into(
+        &self,
+        image: ArrayView2<'_, f64>,
+        pixels: &mut [f64],
+    ) -> Result<(), MeshError> {
+        check("masked pixels", pixels.len(), self.masked_pixels.len())?;
+        check("image rows", image.nrows(), self.pixels())?;
+        check("image columns", image.ncols(), self.pixels())?;
+        for (&place, value) in self.masked_pixels.iter().zip(pixels) {
+            *value = image[place];
+        }
+        Ok(())
+    }
+}
+
+fn check(what: &'static str, found: usize, wanted: usize) -> Result<(), MeshError> {
+    if found == wanted { Ok(()) } else { Err(MeshError::WrongLength { what, found, wanted }) }
+}
+
+/// Number of each pixel among the masked ones, row by row; `None` outside the mask.
+fn masked_numbers(mask: &Array2<bool>) -> Vec<Option<u32>> {
+    let mut next = 0;
+    mask.iter()
+        .map(|&masked| {
+            masked.then(|| {
+                next += 1;
+                next - 1
+            })
+        })
+        .collect()
+}
+
+/// Area of triangle `t` under the mask, in pixel areas.
+fn masked_area(overlaps: &Overlaps, t: usize, numbers: &[Option<u32>]) -> f64 {
+    overlaps.of(t).filter(|(pixel, _)| numbers[*pixel as usize].is_some()).map(|o| o.1).sum()
+}
+
+/// Overlaps sorted by pixel (counting sort keeps triangles ascending), each row over its sum.
+fn pixel_from_element(overlaps: &Overlaps, numbers: &[Option<u32>], masked: usize) -> CsrMatrix {
+    let mut row_starts = vec![0; masked + 1];
+    let triangles = overlaps.triangles();
+    let entries = || {
+        (0..triangles).flat_map(|t| {
+            overlaps
+                .of(t)
+                .filter_map(move |(p, area)| Some((numbers[p as usize]? as usize, t as u32, area)))
+        })
+    };
+    entries().for_each(|(row, _, _)| row_starts[row + 1] += 1);
+    for row in 0..masked {
+        row_starts[row + 1] += row_starts[row];
+    }
+    let mut next = row_starts.clone();
+    let mut columns = vec![0; row_starts[masked]];
+    let mut values = vec![0.0; row_starts[masked]];
+    for (row, t, area) in entries() {
+        columns[next[row]] = t;
+        values[next[row]] = area;
+        next[row] += 1;
+    }
+    for row in row_starts.windows(2) {
+        divide_by_sum(&mut values[row[0]..row[1]]);
+    }
+    CsrMatrix::from_parts(triangles, row_starts, columns, values)
+}
+
+/// Overlaps with masked pixels, triangle by triangle, each row over its sum.
+fn element_from_pixel(
+    surface: &Surface,
+    grid: &Grid,
+    overlaps: &Overlaps,
+    numbers: &[Option<u32>],
+    mask: &Array2<bool>,
+) -> CsrMatrix {
+    let masked = numbers.iter().flatten().count();
+    let mut row_starts = vec![0];
+    let (mut columns, mut values) = (Vec::new(), Vec::new());
+    for t in 0..overlaps.triangles() {
+        let start = columns.len();
+        for (pixel, area) in overlaps.of(t) {
+            if let Some(number) = numbers[pixel as usize] {
+                columns.push(number);
+                values.push(area);
+            }
+        }
+        if columns.len() == start {
+            let [row, column] = nearest_masked(grid.centroid(surface, t), mask);
+            // a masked pixel has a number
+            columns.push(numbers[row * mask.ncols() + column].unwrap_or(0));
+            values.push(1.0);
+        }
+        divide_by_sum(&mut values[start..]);
+        row_starts.push(columns.len());
+    }
+    CsrMatrix::from_parts(masked, row_starts, columns, values)
+}
+
+/// Makes positive weights sum to one: each quotient is right to half an ulp, so their sum is too.
+fn divide_by_sum(weights: &mut [f64]) {
+    let sum: f64 = weights.iter().sum();
+    weights.iter_mut().for_each(|w| *w /= sum);
+}
+
+/// The masked pixel whose centre is nearest to a point in pixel units `[column, row]`.
+///
+/// Looks at square rings around the point's own pixel: ring `r` is at least `r - 0.5` away, so
+/// the search ends when that exceeds the best distance.
+fn nearest_masked(point: [f64; 2], mask: &Array2<bool>) -> [usize; 2] {
+    let side = mask.nrows();
+    let [column, row] = point.map(|x| (x.max(0.0) as usize).min(side - 1));
+    let mut best = (f64::INFINITY, [0, 0]);
+    for ring in 0..side as isize {
+        if ring as f64 - 0.5 > best.0 {
+            break;
+        }
+        for down in -ring..=ring {
+            let step = if down.abs() == ring { 1 } else { 2 * ring as usize };
+            for right in (-ring..=ring).step_by(step) {
+                let place = (row.checked_add_signed(down), column.checked_add_signed(right));
+                let (Some(r), Some(c)) = place else { continue };
+                let distance = (c as f64 + 0.5 - point[0]).hypot(r as f64 + 0.5 - point[1]);
+                // compares places where distances are equal: the first in row order wins
+                if mask.get([r, c]) == Some(&true) && (distance, [r, c]) < best {
+                    best = (distance, [r, c]);
+                }
+            }
+        }
+    }
+    best.1
+}
