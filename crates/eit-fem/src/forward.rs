@@ -73,6 +73,21 @@ pub struct SolveReport {
     pub time_s: f64,
 }
 
+/// Size and work of a model, known before any number is computed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ModelCost {
+    /// Node and electrode potentials.
+    pub unknowns: usize,
+    /// Stored entries of the Cholesky factor, 8 bytes each.
+    pub factor_entries: usize,
+    /// Floating point operations of one factorisation.
+    pub factor_flops: f64,
+    /// Fields to solve for the Jacobian: the rank of the protocol's patterns.
+    pub field_solves: usize,
+    /// Products of fields in the Jacobian; reciprocal measurements share one.
+    pub field_products: usize,
+}
+
 impl ForwardModel {
     /// Prepares the model: checks, ordering and symbolic factorisation.
     ///
@@ -119,6 +134,17 @@ impl ForwardModel {
     /// Number of elements: the length of a conductivity.
     pub fn elements(&self) -> usize {
         self.elements.len()
+    }
+
+    /// What solves of this model cost.
+    pub fn cost(&self) -> ModelCost {
+        ModelCost {
+            unknowns: self.assembly.column_starts.len() - 1,
+            factor_entries: self.solver.factor_entries(),
+            factor_flops: self.solver.factor_flops(),
+            field_solves: self.fields.basis.nrows(),
+            field_products: self.fields.products.len(),
+        }
     }
 
     /// Memory for solves of this model.

@@ -12,5 +12,5 @@ mod protocol;
 mod solver;
 
 pub use error::FemError;
-pub use forward::{ForwardModel, Solution, SolveReport, Workspace};
+pub use forward::{ForwardModel, ModelCost, Solution, SolveReport, Workspace};
 pub use protocol::{DrivenElectrodes, Order, PairPattern, PairProtocol, Protocol};

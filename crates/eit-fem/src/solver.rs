@@ -96,6 +96,21 @@ impl Solver {
         self.symbolic.len_val()
     }
 
+    /// Floating point operations of one factorisation: the sum over columns of the squared count.
+    pub fn factor_flops(&self) -> f64 {
+        let cholesky::SymbolicCholeskyRaw::Supernodal(symbolic) = self.symbolic.raw() else {
+            return 0.0;
+        };
+        (0..symbolic.n_supernodes())
+            .map(|s| {
+                let node = symbolic.supernode(s);
+                let columns = symbolic.supernode_end()[s] as usize - node.start();
+                let rows = columns + node.pattern().len();
+                (0..columns).map(|j| ((rows - j) as f64).powi(2)).sum::<f64>()
+            })
+            .sum()
+    }
+
     /// Memory for the numbers.
     pub fn factor(&self, assembly: &Assembly) -> Result<Factor, FemError> {
         let electrodes = self.unknowns - self.nodes;

@@ -66,7 +66,7 @@ impl CsrMatrix {
         }
     }
 
-    /// `y = A x`, without allocating. `x` [column], `y` [row].
+    /// `y = A x`, without allocating: `x` has a value per column, `y` one per row.
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].
@@ -80,7 +80,7 @@ impl CsrMatrix {
         Ok(())
     }
 
-    /// `x = A' y`, without allocating. `y` [row], `x` [column].
+    /// `x = A' y`, without allocating: `y` has a value per row, `x` one per column.
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].

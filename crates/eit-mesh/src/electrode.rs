@@ -58,12 +58,12 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// Puts electrodes on a surface.
+    /// Puts electrodes on a surface. The triangles of a patch are kept in ascending order.
     ///
     /// # Errors
     /// [`MeshError::EmptyElectrode`], [`MeshError::NotOnRim`], [`MeshError::UnknownTriangle`] or
     /// [`MeshError::OverlappingElements`].
-    pub fn new(surface: Surface, electrodes: Vec<Electrode>) -> Result<Self, MeshError> {
+    pub fn new(surface: Surface, mut electrodes: Vec<Electrode>) -> Result<Self, MeshError> {
         let mut rim: HashMap<[u32; 2], usize> =
             surface.rim_edges().iter().map(|e| (sorted(*e), 0)).collect();
         let mut patch = vec![0; surface.triangles().len()];
@@ -74,6 +74,11 @@ impl Mesh {
                 Electrode::Patch(triangles) => {
                     claim_triangles(&mut patch, electrode_number, triangles)?;
                 }
+            }
+        }
+        for electrode in &mut electrodes {
+            if let Electrode::Patch(triangles) = electrode {
+                triangles.sort_unstable();
             }
         }
         Ok(Self { surface, electrodes })
@@ -103,8 +108,7 @@ fn claim_edges(
         return Err(MeshError::EmptyElectrode { electrode });
     }
     for &edge in edges {
-        let owner =
-            rim.get_mut(&sorted(edge)).ok_or(MeshError::NotOnRim { electrode, edge })?;
+        let owner = rim.get_mut(&sorted(edge)).ok_or(MeshError::NotOnRim { electrode, edge })?;
         if *owner != 0 {
             let place = format!("edge {edge:?}");
             return Err(MeshError::OverlappingElements { first: *owner, second: electrode, place });
@@ -124,9 +128,11 @@ fn claim_triangles(
     }
     let count = owners.len();
     for &triangle in triangles {
-        let owner = owners
-            .get_mut(triangle as usize)
-            .ok_or(MeshError::UnknownTriangle { electrode, triangle, triangles: count })?;
+        let owner = owners.get_mut(triangle as usize).ok_or(MeshError::UnknownTriangle {
+            electrode,
+            triangle,
+            triangles: count,
+        })?;
         if *owner != 0 {
             let place = format!("triangle {triangle}");
             return Err(MeshError::OverlappingElements { first: *owner, second: electrode, place });

@@ -67,7 +67,9 @@ pub enum MeshError {
         triangles: usize,
     },
     /// The two sides of the surface cannot be told apart.
-    #[error("the surface cannot be oriented at triangle {triangle}: it is twisted like a Moebius band")]
+    #[error(
+        "the surface cannot be oriented at triangle {triangle}: it is twisted like a Moebius band"
+    )]
     NotOrientable {
         /// Triangle index.
         triangle: usize,
@@ -272,7 +274,10 @@ pub enum MeshError {
         least_m: f64,
     },
     /// A field's name that the file format cannot hold.
-    #[error("the field name {name:?} cannot stand in this file: no quotes, no control characters, not \"electrode\"")]
+    #[error(
+        "the field name {name:?} cannot stand in this file: no quotes, no control characters, \
+         not \"electrode\""
+    )]
     BadFieldName {
         /// The name given.
         name: String,

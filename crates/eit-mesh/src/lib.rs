@@ -1,5 +1,22 @@
 //! Triangulated skins with electrodes for electrical impedance tomography.
-#![doc = ""]
+//!
+//! A [`Mesh`] is a [`Surface`] (nodes in metres, triangles) with [`Electrode`]s on its rim or
+//! inside it. [`generate`] meshes a [`SkinShape`] with [`RimElectrodes`], as fine as
+//! [`MeshSettings`] ask; [`Quality`] says how good the triangles are.
+//!
+//! # Example
+//! ```
+//! use eit_mesh::{MeshSettings, Quality, RimElectrodes, SkinShape, generate};
+//!
+//! let skin = SkinShape::Disc { radius_m: 0.1 };
+//! let mesh = generate(&skin, &RimElectrodes::equally_spaced(16, 0.0196), &MeshSettings::default())?;
+//! assert!(Quality::of(&mesh).smallest_angle_deg > 30.0);
+//! # Ok::<(), eit_mesh::MeshError>(())
+//! ```
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
 
 mod csr;
 mod electrode;
@@ -7,7 +24,6 @@ mod error;
 mod generate;
 mod geometry;
 mod io;
-mod overlap;
 mod quality;
 mod raster;
 mod rim_electrodes;

@@ -99,7 +99,11 @@ impl fmt::Display for Quality {
             "angles      {:.1} to {:.1} degrees",
             self.smallest_angle_deg, self.largest_angle_deg
         )?;
-        writeln!(f, "quality     {:.4} mean, {:.4} worst", self.mean_quality, self.smallest_quality)?;
+        writeln!(
+            f,
+            "quality     {:.4} mean, {:.4} worst",
+            self.mean_quality, self.smallest_quality
+        )?;
         write!(
             f,
             "edges       {:.3e} m to {:.3e} m (ratio {:.1})",

@@ -1,7 +1,7 @@
 //! Surface to pixels and back: a square grid over the skin and two area-weighted operators.
 //!
 //! Let `A[p, t]` be the area that pixel `p` and triangle `t` share, found by exact clipping
-//! ([`crate::overlap`]), `c[p] = sum_t A[p, t]` the covered area of a pixel and
+//! (`raster/overlap.rs`), `c[p] = sum_t A[p, t]` the covered area of a pixel and
 //! `a[t] = sum_{p in mask} A[p, t]` the part of a triangle that lies under the mask. Then
 //!
 //! ```text
@@ -25,9 +25,13 @@
 //! **Curved surfaces** are seen from +z: everything above is in areas projected on the x-y plane.
 //! A surface that lies over itself in that view is refused, since a pixel would mix two sheets.
 
-use crate::overlap::{Grid, Overlaps};
+mod operators;
+mod overlap;
+
 use crate::{CsrMatrix, MeshError, Surface};
 use ndarray::{Array2, Array3, ArrayView2, ArrayViewMut2, ArrayViewMut3, Axis};
+use operators::{element_from_pixel, masked_area, masked_numbers, pixel_from_element};
+use overlap::{Grid, Overlaps};
 
 /// Covered fraction from which a pixel belongs to the mask, less the rounding of its sum, so that
 /// pixels cut exactly in half fall on the same side everywhere.
@@ -41,6 +45,19 @@ const PIXELS_LIMIT: usize = 4096;
 /// The grid is centred on the skin's bounding box and as wide as its longer side; row 0 is at the
 /// top (largest y), column 0 at the left (smallest x). A pixel belongs to the mask if the skin
 /// covers at least half of its area. Masked pixels are numbered row by row.
+///
+/// # Example
+/// ```
+/// use eit_mesh::{Raster, Surface};
+///
+/// let corners = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]];
+/// let surface = Surface::new(corners, vec![[0, 1, 2], [0, 2, 3]])?;
+/// let raster = Raster::new(&surface, 2)?;
+/// let image = raster.image_from_elements(&[3.0, 5.0])?;
+/// // upper left in the second triangle, upper right half in each
+/// assert_eq!((image[[0, 0]], image[[0, 1]]), (5.0, 4.0));
+/// # Ok::<(), eit_mesh::MeshError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Raster {
     pixel_m: f64,
@@ -120,8 +137,8 @@ impl Raster {
     /// Pixel `[row, column]` that holds a point (metres); `None` outside the grid.
     pub fn pixel_at(&self, position_m: [f64; 2]) -> Option<[usize; 2]> {
         let [x_min, x_max, y_min, y_max] = self.extent_m;
-        let inside = (x_min..=x_max).contains(&position_m[0])
-            && (y_min..=y_max).contains(&position_m[1]);
+        let inside =
+            (x_min..=x_max).contains(&position_m[0]) && (y_min..=y_max).contains(&position_m[1]);
         let index = |distance_m: f64| ((distance_m / self.pixel_m) as usize).min(self.pixels() - 1);
         inside.then(|| [index(y_max - position_m[1]), index(position_m[0] - x_min)])
     }
@@ -199,7 +216,10 @@ impl Raster {
     ///
     /// # Errors
     /// [`MeshError::WrongLength`].
-    pub fn images_from_pixels(&self, frames: ArrayView2<'_, f64>) -> Result<Array3<f64>, MeshError> {
+    pub fn images_from_pixels(
+        &self,
+        frames: ArrayView2<'_, f64>,
+    ) -> Result<Array3<f64>, MeshError> {
         let mut images = Array3::zeros((frames.nrows(), self.pixels(), self.pixels()));
         self.images_from_pixels_into(frames, images.view_mut())?;
         Ok(images)
@@ -259,116 +279,4 @@ impl Raster {
 
 fn check(what: &'static str, found: usize, wanted: usize) -> Result<(), MeshError> {
     if found == wanted { Ok(()) } else { Err(MeshError::WrongLength { what, found, wanted }) }
-}
-
-/// Number of each pixel among the masked ones, row by row; `None` outside the mask.
-fn masked_numbers(mask: &Array2<bool>) -> Vec<Option<u32>> {
-    let mut next = 0;
-    mask.iter()
-        .map(|&masked| {
-            masked.then(|| {
-                next += 1;
-                next - 1
-            })
-        })
-        .collect()
-}
-
-/// Area of triangle `t` under the mask, in pixel areas.
-fn masked_area(overlaps: &Overlaps, t: usize, numbers: &[Option<u32>]) -> f64 {
-    overlaps.of(t).filter(|(pixel, _)| numbers[*pixel as usize].is_some()).map(|o| o.1).sum()
-}
-
-/// Overlaps sorted by pixel (counting sort keeps triangles ascending), each row over its sum.
-fn pixel_from_element(overlaps: &Overlaps, numbers: &[Option<u32>], masked: usize) -> CsrMatrix {
-    let mut row_starts = vec![0; masked + 1];
-    let triangles = overlaps.triangles();
-    let entries = || {
-        (0..triangles).flat_map(|t| {
-            overlaps
-                .of(t)
-                .filter_map(move |(p, area)| Some((numbers[p as usize]? as usize, t as u32, area)))
-        })
-    };
-    entries().for_each(|(row, _, _)| row_starts[row + 1] += 1);
-    for row in 0..masked {
-        row_starts[row + 1] += row_starts[row];
-    }
-    let mut next = row_starts.clone();
-    let mut columns = vec![0; row_starts[masked]];
-    let mut values = vec![0.0; row_starts[masked]];
-    for (row, t, area) in entries() {
-        columns[next[row]] = t;
-        values[next[row]] = area;
-        next[row] += 1;
-    }
-    for row in row_starts.windows(2) {
-        divide_by_sum(&mut values[row[0]..row[1]]);
-    }
-    CsrMatrix::from_parts(triangles, row_starts, columns, values)
-}
-
-/// Overlaps with masked pixels, triangle by triangle, each row over its sum.
-fn element_from_pixel(
-    surface: &Surface,
-    grid: &Grid,
-    overlaps: &Overlaps,
-    numbers: &[Option<u32>],
-    mask: &Array2<bool>,
-) -> CsrMatrix {
-    let masked = numbers.iter().flatten().count();
-    let mut row_starts = vec![0];
-    let (mut columns, mut values) = (Vec::new(), Vec::new());
-    for t in 0..overlaps.triangles() {
-        let start = columns.len();
-        for (pixel, area) in overlaps.of(t) {
-            if let Some(number) = numbers[pixel as usize] {
-                columns.push(number);
-                values.push(area);
-            }
-        }
-        if columns.len() == start {
-            let [row, column] = nearest_masked(grid.centroid(surface, t), mask);
-            // a masked pixel has a number
-            columns.push(numbers[row * mask.ncols() + column].unwrap_or(0));
-            values.push(1.0);
-        }
-        divide_by_sum(&mut values[start..]);
-        row_starts.push(columns.len());
-    }
-    CsrMatrix::from_parts(masked, row_starts, columns, values)
-}
-
-/// Makes positive weights sum to one: each quotient is right to half an ulp, so their sum is too.
-fn divide_by_sum(weights: &mut [f64]) {
-    let sum: f64 = weights.iter().sum();
-    weights.iter_mut().for_each(|w| *w /= sum);
-}
-
-/// The masked pixel whose centre is nearest to a point in pixel units `[column, row]`.
-///
-/// Looks at square rings around the point's own pixel: ring `r` is at least `r - 0.5` away, so
-/// the search ends when that exceeds the best distance.
-fn nearest_masked(point: [f64; 2], mask: &Array2<bool>) -> [usize; 2] {
-    let side = mask.nrows();
-    let [column, row] = point.map(|x| (x.max(0.0) as usize).min(side - 1));
-    let mut best = (f64::INFINITY, [0, 0]);
-    for ring in 0..side as isize {
-        if ring as f64 - 0.5 > best.0 {
-            break;
-        }
-        for down in -ring..=ring {
-            let step = if down.abs() == ring { 1 } else { 2 * ring as usize };
-            for right in (-ring..=ring).step_by(step) {
-                let place = (row.checked_add_signed(down), column.checked_add_signed(right));
-                let (Some(r), Some(c)) = place else { continue };
-                let distance = (c as f64 + 0.5 - point[0]).hypot(r as f64 + 0.5 - point[1]);
-                // compares places where distances are equal: the first in row order wins
-                if mask.get([r, c]) == Some(&true) && (distance, [r, c]) < best {
-                    best = (distance, [r, c]);
-                }
-            }
-        }
-    }
-    best.1
 }

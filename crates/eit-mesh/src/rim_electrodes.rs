@@ -1,7 +1,7 @@
 //! Electrodes along the rim of a flat skin, before meshing.
 
-use crate::geometry::Outline;
 use crate::MeshError;
+use crate::geometry::Outline;
 
 /// The sense in which electrode numbers run around the skin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -179,14 +179,19 @@ impl RimElectrodes {
             }
             for (k, &(s_m, number)) in on_loop.iter().enumerate() {
                 let (next_m, next) = on_loop[(k + 1) % on_loop.len()];
-                let distance_m = if k + 1 < on_loop.len() { next_m - s_m } else { next_m - s_m + l.length_m() };
+                let distance_m =
+                    if k + 1 < on_loop.len() { next_m - s_m } else { next_m - s_m + l.length_m() };
                 let (first, second) = (number.min(next), number.max(next));
                 let (width_m, gap_m) = (self.width_m, distance_m - self.width_m);
                 // what rounding of the positions leaves of an exact zero is still "touching"
                 if gap_m < -outline.resolution_m() {
                     let overlap_m = -gap_m;
                     return Err(MeshError::OverlappingElectrodes {
-                        first, second, overlap_m, distance_m, width_m,
+                        first,
+                        second,
+                        overlap_m,
+                        distance_m,
+                        width_m,
                     });
                 }
                 if gap_m < least_m {

@@ -40,12 +40,7 @@ const FINEST: f64 = 1.0;
 
 impl SizeField {
     /// A field over the box from `low` to `high`, metres.
-    pub fn new(
-        edge_m: f64,
-        grading: f64,
-        [low, high]: [[f64; 2]; 2],
-        sources: &[Source],
-    ) -> Self {
+    pub fn new(edge_m: f64, grading: f64, [low, high]: [[f64; 2]; 2], sources: &[Source]) -> Self {
         let root = Square { low, side: (high[0] - low[0]).max(high[1] - low[1]) };
         let mut field = Self { edge_m, grading, root, cells: vec![Cell::Leaf(Vec::new())] };
         field.build(0, root, sources);
@@ -109,10 +104,8 @@ impl Square {
 
     fn child(self, index: usize) -> Self {
         let side = 0.5 * self.side;
-        let low = [
-            self.low[0] + side * (index % 2) as f64,
-            self.low[1] + side * (index / 2) as f64,
-        ];
+        let low =
+            [self.low[0] + side * (index % 2) as f64, self.low[1] + side * (index / 2) as f64];
         Self { low, side }
     }
 }

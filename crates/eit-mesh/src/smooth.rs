@@ -1,10 +1,12 @@
-//! Smoothing: moves inner nodes to optimal places for the size field and renews the Delaunay
-//! triangulation, round by round, keeping the best round. Rim nodes stay.
+//! Smoothing: moves inner nodes to optimal places for the size field and restores the Delaunay
+//! property, round by round, keeping the best round. Rim nodes stay.
 
-use crate::MeshError;
-use crate::generate::interior::{Triangulation, extract, triangulate};
+mod flip;
+
+use crate::generate::interior::Triangulation;
 use crate::geometry::{cross, dot};
 use crate::size_field::SizeField;
+use flip::{Neighbours, restore_delaunay};
 
 /// A node may move where the triangles around it all stay above this quality (angles of about 35
 /// to 98 degrees), even if the worst of them gets worse: the mean gains more.
@@ -13,32 +15,38 @@ const GOOD_ENOUGH: f64 = 0.8;
 /// triangulation, and more gain nothing measurable.
 const SWEEPS: usize = 4;
 
-/// Smooths for a number of rounds, and returns the best of the rounds and the start.
+/// Smooths for a number of rounds, and returns the best of the rounds and the start. The first
+/// `rim_nodes` nodes stay.
+///
+/// Every triangle keeps a positive area throughout, so the outline and its edges stay as well.
 pub(crate) fn smooth(
     start: Triangulation,
-    rim_edges: &[[u32; 2]],
+    rim_nodes: usize,
     field: &SizeField,
     rounds: usize,
-) -> Result<Triangulation, MeshError> {
-    let rim_nodes = rim_edges.len();
+) -> Triangulation {
     let mut best_score = score(&start);
     let mut best = start.clone();
     let mut current = start;
+    let mut sizes: Vec<f64> = current.points.iter().map(|&p| field.at(p)).collect();
+    let mut neighbours = Neighbours::new(&current.triangles);
     for _ in 0..rounds {
         let stars = Stars::new(&current);
         for _ in 0..SWEEPS {
             for node in rim_nodes..current.points.len() {
-                relax(&mut current, &stars, node, field);
+                if relax(&mut current, stars.of(node), node, &sizes) {
+                    sizes[node] = field.at(current.points[node]);
+                }
             }
         }
-        current = extract(&triangulate(&current.points, rim_edges)?);
+        restore_delaunay(&current.points, &mut current.triangles, &mut neighbours);
         let found = score(&current);
         if found > best_score {
             best_score = found;
-            best = current.clone();
+            best.clone_from(&current);
         }
     }
-    Ok(best)
+    best
 }
 
 /// The triangles around each node.
@@ -73,22 +81,22 @@ impl Stars {
 }
 
 /// Moves one node to its place in the optimal Delaunay triangulation of its neighbours, or half
-/// or a quarter of the way there, if the triangles around it allow it.
+/// or a quarter of the way there, if the triangles around it allow it. Says whether it moved.
 ///
 /// The place is `sum w_t c_t / sum w_t` with the circumcentres `c_t` and `w_t = A_t / h^4` (Chen
 /// and Holst 2011, "Efficient mesh optimization schemes based on optimal Delaunay
 /// triangulations", with the density `h^-4` that spreads nodes by the size field in the plane).
-fn relax(current: &mut Triangulation, stars: &Stars, node: usize, field: &SizeField) {
-    let star = stars.of(node);
+fn relax(current: &mut Triangulation, star: &[u32], node: usize, sizes: &[f64]) -> bool {
     let old = current.points[node];
     let (mut weight, mut sum) = (0.0, [0.0; 2]);
     let mut worst = f64::INFINITY;
     for &t in star {
-        let corners = current.triangles[t as usize].map(|n| current.points[n as usize]);
+        let nodes = current.triangles[t as usize];
+        let corners = nodes.map(|n| current.points[n as usize]);
         worst = worst.min(quality(corners));
-        let centroid = [0, 1].map(|k| (corners[0][k] + corners[1][k] + corners[2][k]) / 3.0);
-        // a ratio, so that the fourth power stays in range at any scale
-        let size = field.at(centroid) / field.at(old);
+        // h is nearly linear over a triangle: its mean is that of the corners. A ratio, so that
+        // the fourth power stays in range at any scale.
+        let size = nodes.iter().map(|&n| sizes[n as usize]).sum::<f64>() / sizes[node];
         let w = area(corners) / (size * size * size * size);
         let c = circumcentre(corners);
         weight += w;
@@ -100,10 +108,11 @@ fn relax(current: &mut Triangulation, stars: &Stars, node: usize, field: &SizeFi
         let corners = |&t: &u32| current.triangles[t as usize].map(|n| current.points[n as usize]);
         let moved = star.iter().map(corners).map(quality).fold(f64::INFINITY, f64::min);
         if moved >= worst.min(GOOD_ENOUGH) {
-            return;
+            return true;
         }
     }
     current.points[node] = old;
+    false
 }
 
 fn area([a, b, c]: [[f64; 2]; 3]) -> f64 {
@@ -118,6 +127,15 @@ fn quality(corners: [[f64; 2]; 3]) -> f64 {
         .map(|(p, q)| dot([q[0] - p[0], q[1] - p[1]], [q[0] - p[0], q[1] - p[1]]))
         .sum();
     4.0 * 3f64.sqrt() * area(corners) / squares
+}
+
+/// Sine of the excess over 180 degrees of the sum of the angles at `c` and `d` on both sides of
+/// the edge `a b`: positive where `d` lies inside the circle through `a`, `b`, `c`.
+fn incircle_sine([a, b, c]: [[f64; 2]; 3], d: [f64; 2]) -> f64 {
+    let from = |p: [f64; 2], q: [f64; 2]| [q[0] - p[0], q[1] - p[1]];
+    let (ca, cb, da, db) = (from(c, a), from(c, b), from(d, a), from(d, b));
+    let lengths = (dot(ca, ca) * dot(cb, cb)).sqrt() * (dot(da, da) * dot(db, db)).sqrt();
+    -(cross(ca, cb) * dot(da, db) + dot(ca, cb) * cross(db, da)) / lengths
 }
 
 fn circumcentre([a, b, c]: [[f64; 2]; 3]) -> [f64; 2] {

@@ -158,8 +158,8 @@ fn check_areas(nodes: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Vec<f64>, M
         let [a, b, c] = corners.map(|n| nodes[n as usize]);
         let area_m2 = 0.5 * norm(normal(nodes, corners));
         let longest = norm(sub(b, a)).max(norm(sub(c, b))).max(norm(sub(a, c)));
-        // also refuses a NaN from overflowing coordinates
-        if !(area_m2 > ZERO_AREA * longest * longest) || !area_m2.is_finite() {
+        // coordinates may overflow on the way
+        if !area_m2.is_finite() || area_m2 <= ZERO_AREA * longest * longest {
             return Err(MeshError::ZeroArea { triangle, nodes: corners, area_m2 });
         }
         areas_m2.push(area_m2);

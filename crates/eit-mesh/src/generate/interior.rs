@@ -33,13 +33,13 @@ const ANGLE_LIMIT_DEG: f64 = 28.0;
 
 /// Delaunay triangulation of points with the rim edges kept.
 pub(crate) fn triangulate(points: &[[f64; 2]], edges: &[[u32; 2]]) -> Result<Cdt, MeshError> {
-    let vertices = points.iter().map(|p| spade::mitigate_underflow(Point2::new(p[0], p[1]))).collect();
+    let vertices =
+        points.iter().map(|p| spade::mitigate_underflow(Point2::new(p[0], p[1]))).collect();
     let constraints = edges.iter().map(|e| e.map(|n| n as usize)).collect();
     let mut conflict = None;
     let cdt = Cdt::try_bulk_load_cdt(vertices, constraints, |e| conflict = Some(e));
-    let place = |at: [f64; 2], problem| {
-        Err(MeshError::BadOutline { x_m: at[0], y_m: at[1], problem })
-    };
+    let place =
+        |at: [f64; 2], problem| Err(MeshError::BadOutline { x_m: at[0], y_m: at[1], problem });
     match (cdt, conflict) {
         (Ok(cdt), None) if cdt.num_vertices() == points.len() => Ok(cdt),
         (Ok(_), Some([node, _])) => {
@@ -91,7 +91,11 @@ pub(crate) fn extract(cdt: &Cdt) -> Triangulation {
 }
 
 /// Fills the rim.
-pub(crate) fn fill(rim: &Rim, field: &SizeField, node_limit: usize) -> Result<Triangulation, MeshError> {
+pub(crate) fn fill(
+    rim: &Rim,
+    field: &SizeField,
+    node_limit: usize,
+) -> Result<Triangulation, MeshError> {
     let mut cdt = triangulate(&rim.points, &rim.edges)?;
     advance(&mut cdt, field, node_limit);
     let spare = node_limit.saturating_sub(cdt.num_vertices());
@@ -195,8 +199,7 @@ fn is_clear(
     let away = |p: Point2<f64>| distance([p.x, p.y], [point.x, point.y]) >= clearance;
     match cdt.locate_with_hint(point, hint) {
         PositionInTriangulation::OnFace(face) => {
-            !is_outside(face.index())
-                && cdt.face(face).positions().into_iter().all(away)
+            !is_outside(face.index()) && cdt.face(face).positions().into_iter().all(away)
         }
         PositionInTriangulation::OnEdge(edge) => {
             let edge = cdt.directed_edge(edge);

@@ -94,7 +94,12 @@ fn cut_loops(
 }
 
 /// Sources at rim nodes that lie nearer to another part of the outline than the wanted edge.
-fn narrow_places(outline: &Outline, cuts: &[Vec<f64>], field: &SizeField, grading: f64) -> Vec<Source> {
+fn narrow_places(
+    outline: &Outline,
+    cuts: &[Vec<f64>],
+    field: &SizeField,
+    grading: f64,
+) -> Vec<Source> {
     let mut sources: Vec<Source> = Vec::new();
     for (index, (l, cut)) in outline.loops().iter().zip(cuts).enumerate() {
         for &s_m in cut {
@@ -125,7 +130,8 @@ fn number(outline: &Outline, cuts: &[Vec<f64>], electrodes: &[RimInterval]) -> R
             rim.points.push(l.point_at(s_m));
             rim.edges.push(edge);
             let middle = s_m + 0.5 * (cut[next] - s_m).rem_euclid(l.length_m());
-            let covers = |e: &RimInterval| (middle - e.start_m).rem_euclid(l.length_m()) < e.width_m;
+            let covers =
+                |e: &RimInterval| (middle - e.start_m).rem_euclid(l.length_m()) < e.width_m;
             if let Some(&(electrode, _)) = on_loop.iter().find(|(_, e)| covers(e)) {
                 rim.electrodes[electrode].push(edge);
             }

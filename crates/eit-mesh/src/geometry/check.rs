@@ -22,7 +22,10 @@ fn bad<T>(at: [f64; 2], problem: &'static str) -> Result<T, MeshError> {
 }
 
 /// Refuses everything that is not a polygon with holes.
-pub(super) fn check_polygon(outline: &[[f64; 2]], holes: &[Vec<[f64; 2]>]) -> Result<(), MeshError> {
+pub(super) fn check_polygon(
+    outline: &[[f64; 2]],
+    holes: &[Vec<[f64; 2]>],
+) -> Result<(), MeshError> {
     let loops: Vec<&[[f64; 2]]> =
         std::iter::once(outline).chain(holes.iter().map(Vec::as_slice)).collect();
     for corners in &loops {
@@ -47,9 +50,11 @@ pub(super) fn check_polygon(outline: &[[f64; 2]], holes: &[Vec<[f64; 2]>]) -> Re
         if !is_inside(hole[0], outline) {
             return bad(hole[0], "a hole must lie inside the outline");
         }
-        let inside_other = loops.iter().enumerate().skip(1).any(|(other, corners)| {
-            other != index && is_inside(hole[0], corners)
-        });
+        let inside_other = loops
+            .iter()
+            .enumerate()
+            .skip(1)
+            .any(|(other, corners)| other != index && is_inside(hole[0], corners));
         if inside_other {
             return bad(hole[0], "a hole lies inside another hole");
         }
@@ -123,7 +128,7 @@ fn meeting_point(a: [[f64; 2]; 2], b: [[f64; 2]; 2], resolution: f64) -> Option<
         let t = p / (p - q);
         return Some(std::array::from_fn(|k| a[0][k] + t * (a[1][k] - a[0][k])));
     }
-    let line = |s: [[f64; 2]; 2]| super::Piece::Line { from: s[0], to: s[1] };
+    let line = |s: [[f64; 2]; 2]| super::piece::Piece::Line { from: s[0], to: s[1] };
     [(a, b[0]), (a, b[1]), (b, a[0]), (b, a[1])]
         .into_iter()
         .find(|&(s, end)| line(s).project(end).1 <= resolution)

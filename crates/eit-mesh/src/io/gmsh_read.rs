@@ -49,7 +49,7 @@ struct ErrorLines<'a> {
     sections: &'a Sections,
     names: &'a BTreeMap<usize, ElectrodeName>,
     triangle_lines: Vec<usize>,
-    node_of_tag: HashMap<u64, NodeOfTag>,
+    node_of_tag: NodesByTag,
 }
 
 impl ErrorLines<'_> {
@@ -111,9 +111,7 @@ fn electrode_number(name: &str) -> Result<Option<usize>, String> {
 }
 
 /// The named electrodes by number; refuses names in two dimensions and missing numbers.
-fn electrode_names(
-    sections: &Sections,
-) -> Result<BTreeMap<usize, ElectrodeName>, Problem> {
+fn electrode_names(sections: &Sections) -> Result<BTreeMap<usize, ElectrodeName>, Problem> {
     let mut names: BTreeMap<usize, ElectrodeName> = BTreeMap::new();
     for group in &sections.names {
         let line = group.line;
@@ -153,13 +151,16 @@ struct NodeOfTag {
     index: Option<u32>,
 }
 
+/// Nodes of the file by their tags.
+type NodesByTag = HashMap<u64, NodeOfTag>;
+
 /// What the mesh is made of.
 struct Resolved {
     nodes: Vec<[f64; 3]>,
     triangles: Vec<[u32; 3]>,
     triangle_lines: Vec<usize>,
     electrodes: Vec<Electrode>,
-    node_of_tag: HashMap<u64, NodeOfTag>,
+    node_of_tag: NodesByTag,
 }
 
 /// Tags to indices, groups to electrodes.
@@ -196,7 +197,8 @@ fn resolve(
             triangle_lines.push(line);
         }
         if let Some(&electrode) = groups.get(&(2, triangle.group)) {
-            let index = u32::try_from(number).map_err(|_| (triangle.line, too_many("triangles")))?;
+            let index =
+                u32::try_from(number).map_err(|_| (triangle.line, too_many("triangles")))?;
             patches[electrode - 1].push(index);
         }
     }
@@ -222,10 +224,8 @@ fn too_many(what: &str) -> String {
 }
 
 /// Positions of the nodes that triangles use, in file order, and all nodes by tag.
-fn number_nodes(
-    sections: &Sections,
-) -> Result<(Vec<[f64; 3]>, HashMap<u64, NodeOfTag>), Problem> {
-    let mut by_tag: HashMap<u64, NodeOfTag> = HashMap::with_capacity(sections.nodes.len());
+fn number_nodes(sections: &Sections) -> Result<(Vec<[f64; 3]>, NodesByTag), Problem> {
+    let mut by_tag: NodesByTag = HashMap::with_capacity(sections.nodes.len());
     for (position, node) in sections.nodes.iter().enumerate() {
         if let Some(first) = by_tag.insert(node.tag, NodeOfTag { position, index: None }) {
             let first = sections.nodes[first.position].line;
@@ -244,8 +244,8 @@ fn number_nodes(
     let mut positions_m = Vec::new();
     for (node, used) in sections.nodes.iter().zip(used) {
         if used {
-            let index = u32::try_from(positions_m.len())
-                .map_err(|_| (node.line, too_many("nodes")))?;
+            let index =
+                u32::try_from(positions_m.len()).map_err(|_| (node.line, too_many("nodes")))?;
             positions_m.push(node.position_m);
             if let Some(entry) = by_tag.get_mut(&node.tag) {
                 entry.index = Some(index);

@@ -4,10 +4,9 @@
 //! (Legacy)". Counts in the file only say how many lines to expect; nothing is allocated by
 //! them, so memory stays within a small multiple of the file's size.
 
+use super::lines::{Fields, Lines, short};
 use crate::MeshError;
-use std::borrow::Cow;
 use std::collections::HashMap;
-use std::str::{FromStr, SplitAsciiWhitespace};
 
 /// A physical group: dimension, tag, name, and the line that names it.
 pub(super) struct PhysicalName {
@@ -58,8 +57,10 @@ pub(super) fn read_sections(bytes: &[u8], file: &str) -> Result<Sections, MeshEr
     let mut seen: Vec<String> = Vec::new();
     while let Some(line) = lines.next_line() {
         let Some(name) = line.strip_prefix('$') else {
-            let problem = format!("\"{}\" is outside every section: a Gmsh file starts with $MeshFormat", short(&line));
-            return Err(lines.error(problem));
+            return Err(lines.error(format!(
+                "\"{}\" is outside every section: a Gmsh file starts with $MeshFormat",
+                short(&line)
+            )));
         };
         if KNOWN.contains(&name) {
             if seen.iter().any(|s| s == name) {
@@ -80,7 +81,9 @@ pub(super) fn read_sections(bytes: &[u8], file: &str) -> Result<Sections, MeshEr
             "Elements" if is_4 => elements_4(&mut lines, &mut sections)?,
             "Elements" => elements_2(&mut lines, &mut sections)?,
             "PartitionedEntities" => {
-                return Err(lines.error("the mesh is partitioned: save it in one part (Gmsh: Mesh, Unpartition)"));
+                return Err(lines.error(
+                    "the mesh is partitioned: save it in one part (Gmsh: Mesh, Unpartition)",
+                ));
             }
             other => {
                 lines.skip_section(other)?;
@@ -272,7 +275,8 @@ fn element(
         15 => return Ok(()),
         8 | 9 | 20..=28 => {
             return Err(fields.lines.error(format!(
-                "element type {kind} is of second or higher order: mesh with order 1 (gmsh -order 1)"
+                "element type {kind} is of second or higher order: mesh with order 1 \
+                 (gmsh -order 1)"
             )));
         }
         3 | 10 | 16 => {
@@ -289,135 +293,4 @@ fn element(
         }
     }
     fields.finish()
-}
-
-/// The file line by line.
-pub(super) struct Lines<'a> {
-    rest: &'a [u8],
-    file: &'a str,
-    /// 1-based number of the line read last.
-    number: usize,
-}
-
-impl<'a> Lines<'a> {
-    fn new(bytes: &'a [u8], file: &'a str) -> Self {
-        // some Windows editors put a byte order mark in front
-        let rest = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-        Self { rest, file, number: 0 }
-    }
-
-    /// The next line that is not blank, trimmed; `None` at the end of the file.
-    fn next_line(&mut self) -> Option<Cow<'a, str>> {
-        while !self.rest.is_empty() {
-            let end = self.rest.iter().position(|&b| b == b'\n').unwrap_or(self.rest.len());
-            let line = self.rest[..end].trim_ascii();
-            self.rest = self.rest.get(end + 1..).unwrap_or(&[]);
-            self.number += 1;
-            if !line.is_empty() {
-                return Some(String::from_utf8_lossy(line));
-            }
-        }
-        None
-    }
-
-    /// The next line of a section; an error if the section or the file ends.
-    fn content(&mut self, section: &str, until: &str) -> Result<Cow<'a, str>, MeshError> {
-        match self.next_line() {
-            Some(line) if !line.starts_with('$') => Ok(line),
-            _ => Err(self.error(format!("section ${section} ends before {until}: is the file cut off?"))),
-        }
-    }
-
-    /// The first number of a section.
-    fn count(&mut self, section: &str) -> Result<u64, MeshError> {
-        let line = self.content(section, "its count")?;
-        self.fields(&line).next("a count")
-    }
-
-    fn end(&mut self, section: &str) -> Result<(), MeshError> {
-        match self.next_line() {
-            Some(line) if line.strip_prefix("$End") == Some(section) => Ok(()),
-            _ => Err(self.error(format!("$End{section} is missing here: is the section's count right?"))),
-        }
-    }
-
-    fn skip_section(&mut self, section: &str) -> Result<(), MeshError> {
-        let start = self.number;
-        while let Some(line) = self.next_line() {
-            if line.strip_prefix("$End") == Some(section) {
-                return Ok(());
-            }
-        }
-        let section = short(section);
-        Err(self.error(format!("section ${section} of line {start} has no $End{section}")))
-    }
-
-    fn fields<'l>(&'l self, line: &'l str) -> Fields<'l, 'a> {
-        Fields { words: line.split_ascii_whitespace(), line, lines: self }
-    }
-
-    /// An error at the line read last.
-    fn error(&self, problem: impl Into<String>) -> MeshError {
-        MeshError::Parse { file: self.file.into(), line: self.number, problem: problem.into() }
-    }
-}
-
-/// The words of one line.
-struct Fields<'l, 'a> {
-    words: SplitAsciiWhitespace<'l>,
-    line: &'l str,
-    lines: &'l Lines<'a>,
-}
-
-impl<'l> Fields<'l, '_> {
-    fn next<T: FromStr>(&mut self, what: &str) -> Result<T, MeshError> {
-        let Some(word) = self.words.next() else {
-            return Err(self.lines.error(format!("the line ends before {what}")));
-        };
-        word.parse().map_err(|_| {
-            self.lines.error(format!("\"{}\" is where {what} is expected", short(word)))
-        })
-    }
-
-    /// What follows the first two words.
-    fn rest(&self) -> &'l str {
-        let mut rest = self.line;
-        for _ in 0..2 {
-            rest = rest.trim_ascii_start();
-            rest = rest.find(|c: char| c.is_ascii_whitespace()).map_or("", |end| &rest[end..]);
-        }
-        rest.trim_ascii()
-    }
-
-    fn position(&mut self) -> Result<[f64; 3], MeshError> {
-        let mut position_m = [0.0; 3];
-        for x in &mut position_m {
-            *x = self.next("a coordinate")?;
-            if !f64::is_finite(*x) {
-                return Err(self.lines.error(format!("the coordinate {x} is not finite")));
-            }
-        }
-        Ok(position_m)
-    }
-
-    fn tags<const N: usize>(&mut self) -> Result<[u64; N], MeshError> {
-        let mut tags = [0; N];
-        for tag in &mut tags {
-            *tag = self.next("a node's tag")?;
-        }
-        Ok(tags)
-    }
-
-    /// Refuses words that are left over.
-    fn finish(&mut self) -> Result<(), MeshError> {
-        match self.words.next() {
-            None => Ok(()),
-            Some(word) => Err(self.lines.error(format!("\"{}\" is one word too many", short(word)))),
-        }
-    }
-}
-
-/// The first 40 characters: enough to recognise, harmless in a terminal line.
-fn short(text: &str) -> String {
-    text.chars().take(40).map(|c| if c.is_control() { '?' } else { c }).collect()
 }

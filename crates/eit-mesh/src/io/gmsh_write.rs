@@ -1,6 +1,6 @@
 //! A mesh to an ASCII Gmsh file, version 2.2 or 4.1.
 
-use super::{ElementField, check_fields, io_error};
+use super::{ElementField, check_fields, io_error, patch_numbers, rim_edges, rim_triangles};
 use crate::{Electrode, Mesh, MeshError};
 use std::io::{self, Write};
 
@@ -19,7 +19,8 @@ pub enum GmshVersion {
 /// Named groups: `skin` (triangles without an electrode) and `electrode_N`, a physical curve for
 /// a rim electrode, a physical surface for a patch. Nodes, triangles and rim edges keep their
 /// order; triangles of a patch are read back ascending. Numbers are the shortest that read back
-/// to the same bits. Each field becomes a section `$ElementData` (one value per triangle).
+/// to the same bits. Each field becomes a section `$ElementData`; an edge takes
+/// the value of its triangle.
 ///
 /// `out` is written in small pieces: give a [`BufWriter`](std::io::BufWriter), and flush it.
 ///
@@ -36,23 +37,12 @@ pub fn write_gmsh(
     if let Some(field) = fields.iter().find(|f| f.name.contains(['"', '\n', '\r'])) {
         return Err(MeshError::BadFieldName { name: field.name.into() });
     }
-    let file = GmshFile { mesh, owners: patch_owners(mesh) };
+    let file = GmshFile { mesh, owners: patch_numbers(mesh) };
     let written = file.write(out, version).and_then(|()| {
-        let first_tag = 1 + file.rim_edges().count();
-        fields.iter().try_for_each(|field| element_data(out, first_tag, field))
+        let on_edges = if fields.is_empty() { vec![] } else { rim_triangles(mesh) };
+        fields.iter().try_for_each(|field| element_data(out, &on_edges, field))
     });
     written.map_err(|error| io_error(&error))
-}
-
-/// Electrode number of each triangle, 0 for bare skin.
-fn patch_owners(mesh: &Mesh) -> Vec<usize> {
-    let mut owners = vec![0; mesh.surface().triangles().len()];
-    for (number, electrode) in (1..).zip(mesh.electrodes()) {
-        if let Electrode::Patch(triangles) = electrode {
-            triangles.iter().for_each(|&t| owners[t as usize] = number);
-        }
-    }
-    owners
 }
 
 struct GmshFile<'a> {
@@ -91,17 +81,6 @@ impl GmshFile<'_> {
         if owner == 0 { self.skin_tag() } else { owner }
     }
 
-    /// Electrode number and edge (node tags from 1) of every rim electrode, in order.
-    fn rim_edges(&self) -> impl Iterator<Item = (usize, [u64; 2])> + '_ {
-        (1..).zip(self.mesh.electrodes()).flat_map(|(number, electrode)| {
-            let edges = match electrode {
-                Electrode::Rim(edges) => edges.as_slice(),
-                Electrode::Patch(_) => &[],
-            };
-            edges.iter().map(move |edge| (number, edge.map(node_tag)))
-        })
-    }
-
     fn physical_names(&self, out: &mut impl Write) -> io::Result<()> {
         writeln!(out, "$PhysicalNames\n{}", self.skin_tag())?;
         for (number, electrode) in (1..).zip(self.mesh.electrodes()) {
@@ -126,9 +105,10 @@ impl GmshFile<'_> {
 
     fn elements_2(&self, out: &mut impl Write) -> io::Result<()> {
         let triangles = self.mesh.surface().triangles();
-        writeln!(out, "$Elements\n{}", self.rim_edges().count() + triangles.len())?;
+        writeln!(out, "$Elements\n{}", rim_edges(self.mesh).count() + triangles.len())?;
         let mut tag = 0_usize;
-        for (number, [a, b]) in self.rim_edges() {
+        for (number, edge) in rim_edges(self.mesh) {
+            let [a, b] = edge.map(node_tag);
             tag += 1;
             writeln!(out, "{tag} 1 2 {number} {number} {a} {b}")?;
         }
@@ -186,7 +166,7 @@ impl GmshFile<'_> {
 
     /// A block per electrode's edges and per run of triangles with one owner: the order stays.
     fn elements_4(&self, out: &mut impl Write) -> io::Result<()> {
-        let edges: Vec<(usize, [u64; 2])> = self.rim_edges().collect();
+        let edges: Vec<(usize, [u32; 2])> = rim_edges(self.mesh).collect();
         let edge_blocks = || edges.chunk_by(|a, b| a.0 == b.0);
         let blocks = edge_blocks().count() + self.owners.chunk_by(usize::eq).count();
         let count = edges.len() + self.owners.len();
@@ -194,7 +174,8 @@ impl GmshFile<'_> {
         let mut tag = 0;
         for block in edge_blocks() {
             writeln!(out, "1 {} 1 {}", block[0].0, block.len())?;
-            for (_, [a, b]) in block {
+            for (_, edge) in block {
+                let [a, b] = edge.map(node_tag);
                 tag += 1;
                 writeln!(out, "{tag} {a} {b}")?;
             }
@@ -224,15 +205,17 @@ fn bounds(points: impl Iterator<Item = [f64; 3]>) -> [[f64; 3]; 2] {
     })
 }
 
-/// One scalar per triangle; the triangles' tags follow those of the rim edges.
+/// One scalar per element: the rim edges (as on their triangles), then the triangles.
 fn element_data(
     out: &mut impl Write,
-    first_tag: usize,
+    on_edges: &[usize],
     field: &ElementField<'_>,
 ) -> io::Result<()> {
+    let count = on_edges.len() + field.values.len();
     // one text (the name), one number (time), three integers: step, components, values
-    writeln!(out, "$ElementData\n1\n\"{}\"\n1\n0.0\n3\n0\n1\n{}", field.name, field.values.len())?;
-    for (tag, value) in (first_tag..).zip(field.values) {
+    writeln!(out, "$ElementData\n1\n\"{}\"\n1\n0.0\n3\n0\n1\n{count}", field.name)?;
+    let values = on_edges.iter().map(|&t| field.values[t]).chain(field.values.iter().copied());
+    for (tag, value) in (1_usize..).zip(values) {
         writeln!(out, "{tag} {value:?}")?;
     }
     writeln!(out, "$EndElementData")

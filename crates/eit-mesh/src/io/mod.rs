@@ -3,13 +3,15 @@
 mod gmsh_read;
 mod gmsh_sections;
 mod gmsh_write;
+mod lines;
 mod vtu;
 
 pub use gmsh_read::{parse_gmsh, read_gmsh};
 pub use gmsh_write::{GmshVersion, write_gmsh};
 pub use vtu::write_vtu;
 
-use crate::{Mesh, MeshError};
+use crate::{Electrode, Mesh, MeshError};
+use std::collections::HashMap;
 
 /// One named value per triangle that goes into a mesh file, for example the conductivity.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,6 +29,42 @@ fn check_fields(mesh: &Mesh, fields: &[ElementField<'_>]) -> Result<(), MeshErro
         Some(found) => Err(MeshError::WrongLength { what: "values per triangle", found, wanted }),
         None => Ok(()),
     }
+}
+
+/// 1-based number and edge of every rim electrode, electrode by electrode.
+fn rim_edges(mesh: &Mesh) -> impl Iterator<Item = (usize, [u32; 2])> + '_ {
+    (1..).zip(mesh.electrodes()).flat_map(|(number, electrode)| {
+        let edges = match electrode {
+            Electrode::Rim(edges) => edges.as_slice(),
+            Electrode::Patch(_) => &[],
+        };
+        edges.iter().map(move |&edge| (number, edge))
+    })
+}
+
+/// 1-based electrode number of each triangle, 0 on bare skin.
+fn patch_numbers(mesh: &Mesh) -> Vec<usize> {
+    let mut numbers = vec![0; mesh.surface().triangles().len()];
+    for (number, electrode) in (1..).zip(mesh.electrodes()) {
+        if let Electrode::Patch(triangles) = electrode {
+            triangles.iter().for_each(|&t| numbers[t as usize] = number);
+        }
+    }
+    numbers
+}
+
+/// The triangle of each of [`rim_edges`]: an edge in a file takes its triangle's value, since
+/// meshio reads data only if every element has a value, and NaN upsets colour scales.
+fn rim_triangles(mesh: &Mesh) -> Vec<usize> {
+    let sorted = |a: u32, b: u32| [a.min(b), a.max(b)];
+    let mut triangle_of: HashMap<[u32; 2], usize> =
+        rim_edges(mesh).map(|(_, [a, b])| (sorted(a, b), 0)).collect();
+    for (t, &[a, b, c]) in mesh.surface().triangles().iter().enumerate() {
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            triangle_of.entry(sorted(from, to)).and_modify(|triangle| *triangle = t);
+        }
+    }
+    rim_edges(mesh).map(|(_, [a, b])| triangle_of[&sorted(a, b)]).collect()
 }
 
 /// A writer's trouble; the writer itself knows its path, so the caller adds it.

@@ -4,8 +4,8 @@
 //! values behind their length in bytes (`header_type="UInt64"`), so every value, also NaN,
 //! comes back bit for bit; VTK's text arrays cannot hold NaN.
 
-use super::{ElementField, check_fields, io_error};
-use crate::{Electrode, Mesh, MeshError};
+use super::{ElementField, check_fields, io_error, patch_numbers, rim_edges, rim_triangles};
+use crate::{Mesh, MeshError};
 use std::io::{self, Write};
 
 /// VTK's cell types.
@@ -16,7 +16,8 @@ const VTK_TRIANGLE: u8 = 5;
 ///
 /// Cells are the triangles in the mesh's order, then the edges of the rim electrodes, as lines,
 /// electrode by electrode. The cell array `electrode` holds the 1-based electrode number of a
-/// line or patch triangle, 0 on bare skin. Each field becomes a cell array, NaN on the lines.
+/// line or patch triangle, 0 on bare skin. Each field becomes a cell array; a line takes the
+/// value of its triangle.
 /// Coordinates are metres and come back bit for bit.
 ///
 /// `out` is written in small pieces: give a [`BufWriter`](std::io::BufWriter), and flush it.
@@ -41,19 +42,8 @@ pub fn write_vtu(
 fn write(mesh: &Mesh, out: &mut impl Write, fields: &[ElementField<'_>]) -> io::Result<()> {
     let surface = mesh.surface();
     let triangles = surface.triangles();
-    let mut electrode_of_cell = vec![0_i32; triangles.len()];
-    let mut edges: Vec<[u32; 2]> = Vec::new();
-    for (number, electrode) in (1..).zip(mesh.electrodes()) {
-        match electrode {
-            Electrode::Rim(rim) => {
-                edges.extend(rim);
-                electrode_of_cell.resize(triangles.len() + edges.len(), number);
-            }
-            Electrode::Patch(patch) => {
-                patch.iter().for_each(|&t| electrode_of_cell[t as usize] = number);
-            }
-        }
-    }
+    let edges: Vec<(usize, [u32; 2])> = rim_edges(mesh).collect();
+    let numbers = patch_numbers(mesh).into_iter().chain(edges.iter().map(|edge| edge.0));
     let cells = triangles.len() + edges.len();
     let node = |&n: &u32| i64::from(n).to_le_bytes();
     let ends = (1..=triangles.len()).map(|t| 3 * t);
@@ -71,16 +61,18 @@ fn write(mesh: &Mesh, out: &mut impl Write, fields: &[ElementField<'_>]) -> io::
     let points = surface.nodes().iter().flatten().map(|x| x.to_le_bytes());
     array(out, "type=\"Float64\" Name=\"Points\" NumberOfComponents=\"3\"", points)?;
     writeln!(out, "</Points>\n<Cells>")?;
-    let connectivity = triangles.iter().flatten().chain(edges.iter().flatten()).map(node);
+    let connectivity =
+        triangles.iter().flatten().chain(edges.iter().flat_map(|edge| &edge.1)).map(node);
     array(out, "type=\"Int64\" Name=\"connectivity\"", connectivity)?;
     array(out, "type=\"Int64\" Name=\"offsets\"", ends.map(|end| (end as i64).to_le_bytes()))?;
     array(out, "type=\"UInt8\" Name=\"types\"", kinds.map(u8::to_le_bytes))?;
     writeln!(out, "</Cells>\n<CellData>")?;
-    let numbers = electrode_of_cell.iter().map(|n| n.to_le_bytes());
-    array(out, "type=\"Int32\" Name=\"electrode\"", numbers)?;
+    let numbers = numbers.map(|number| (number as i64).to_le_bytes());
+    array(out, "type=\"Int64\" Name=\"electrode\"", numbers)?;
+    let on_edges = rim_triangles(mesh);
     for field in fields {
-        let on_edges = std::iter::repeat_n(&f64::NAN, edges.len());
-        let values = field.values.iter().chain(on_edges).map(|x| x.to_le_bytes());
+        let values = field.values.iter().chain(on_edges.iter().map(|&t| &field.values[t]));
+        let values = values.map(|x| x.to_le_bytes());
         array(out, &format!("type=\"Float64\" Name=\"{}\"", escape(field.name)), values)?;
     }
     writeln!(out, "</CellData>\n</Piece>\n</UnstructuredGrid>\n</VTKFile>")

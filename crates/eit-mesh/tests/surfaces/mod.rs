@@ -1,4 +1,6 @@
 //! Surfaces made by hand, independent of the mesh generator.
+#![allow(dead_code)]
+// each test file uses some of them
 
 use eit_mesh::{Electrode, Mesh, Surface};
 use std::f64::consts::TAU;

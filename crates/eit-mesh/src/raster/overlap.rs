@@ -13,9 +13,9 @@ use ndarray::Array2;
 const FOLD: f64 = 1e-9;
 
 /// A grid of square pixels over the bounding box of a surface.
-pub(crate) struct Grid {
-    pub(crate) pixels: usize,
-    pub(crate) pixel_m: f64,
+pub(super) struct Grid {
+    pub(super) pixels: usize,
+    pub(super) pixel_m: f64,
     /// Corner of the bounding box with the smallest x and the largest y, metres.
     corner_m: [f64; 2],
     /// The same corner in pixel units: half of what the grid is larger than the box.
@@ -24,7 +24,7 @@ pub(crate) struct Grid {
 
 impl Grid {
     /// Centred on the bounding box, as wide as its longer side. `pixels` is at least 1.
-    pub(crate) fn new(surface: &Surface, pixels: usize) -> Self {
+    pub(super) fn new(surface: &Surface, pixels: usize) -> Self {
         let [low, high] = surface.bounds_m();
         let (width_m, height_m) = (high[0] - low[0], high[1] - low[1]);
         let pixel_m = width_m.max(height_m) / pixels as f64;
@@ -33,7 +33,7 @@ impl Grid {
     }
 
     /// Outer edges, metres: `[x_min, x_max, y_min, y_max]`.
-    pub(crate) fn extent_m(&self) -> [f64; 4] {
+    pub(super) fn extent_m(&self) -> [f64; 4] {
         let side_m = self.pixels as f64 * self.pixel_m;
         let x_min = self.corner_m[0] - self.margin[0] * self.pixel_m;
         let y_max = self.corner_m[1] + self.margin[1] * self.pixel_m;
@@ -53,7 +53,7 @@ impl Grid {
     }
 
     /// Centroid of a triangle in pixel units.
-    pub(crate) fn centroid(&self, surface: &Surface, triangle: usize) -> [f64; 2] {
+    pub(super) fn centroid(&self, surface: &Surface, triangle: usize) -> [f64; 2] {
         let [a, b, c] = self.corners(surface, triangle);
         [(a[0] + b[0] + c[0]) / 3.0, (a[1] + b[1] + c[1]) / 3.0]
     }
@@ -67,7 +67,7 @@ impl Grid {
 }
 
 /// Shared areas in pixel areas, triangle by triangle.
-pub(crate) struct Overlaps {
+pub(super) struct Overlaps {
     starts: Vec<usize>,
     /// Pixel `row * pixels + column` and shared area, ascending by pixel.
     entries: Vec<(u32, f64)>,
@@ -75,7 +75,7 @@ pub(crate) struct Overlaps {
 
 impl Overlaps {
     /// Shared areas, and the covered fraction of every pixel [row, column].
-    pub(crate) fn new(surface: &Surface, grid: &Grid) -> Result<(Self, Array2<f64>), MeshError> {
+    pub(super) fn new(surface: &Surface, grid: &Grid) -> Result<(Self, Array2<f64>), MeshError> {
         check_seen_from_above(surface)?;
         let triangles = surface.triangles().len();
         let mut coverage = Array2::zeros((grid.pixels, grid.pixels));
@@ -86,7 +86,7 @@ impl Overlaps {
             for &(pixel, area) in &overlaps.entries[start..] {
                 let place = [pixel as usize / grid.pixels, pixel as usize % grid.pixels];
                 coverage[place] += area;
-                if !(coverage[place] <= 1.0 + FOLD) {
+                if coverage[place] > 1.0 + FOLD {
                     let [row, column] = place;
                     return Err(MeshError::OverlappingSheets { triangle: t, row, column });
                 }
@@ -97,12 +97,12 @@ impl Overlaps {
     }
 
     /// Number of triangles.
-    pub(crate) fn triangles(&self) -> usize {
+    pub(super) fn triangles(&self) -> usize {
         self.starts.len() - 1
     }
 
     /// Pixels and shared areas of one triangle (it must exist).
-    pub(crate) fn of(&self, triangle: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
+    pub(super) fn of(&self, triangle: usize) -> impl Iterator<Item = (u32, f64)> + '_ {
         self.entries[self.starts[triangle]..self.starts[triangle + 1]].iter().copied()
     }
 }
@@ -208,15 +208,16 @@ fn clip(grid: &Grid, corners: [[f64; 2]; 3], entries: &mut Vec<(u32, f64)>) {
         }
         let (left, right) = strip.bounds(0);
         let (first_column, last_column) = grid.range(left, right);
-        for column in first_column..=last_column {
-            let mut piece = strip;
-            if column < last_column {
-                (piece, strip) = strip.split(0, (column + 1) as f64);
-            }
-            let area = piece.area();
+        let mut keep = |column: usize, area: f64| {
             if area > 0.0 {
                 entries.push(((row * grid.pixels + column) as u32, area));
             }
+        };
+        for column in first_column..last_column {
+            let (piece, beyond) = strip.split(0, (column + 1) as f64);
+            keep(column, piece.area());
+            strip = beyond;
         }
+        keep(last_column, strip.area());
     }
 }

@@ -1,0 +1,133 @@
+//! The command line.
+
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+
+/// Electrical impedance tomography for robot skin: from frames of voltages to pressure images.
+#[derive(Debug, Parser)]
+#[command(
+    name = "eit",
+    version,
+    arg_required_else_help = true,
+    after_help = "A SCENE is a TOML file or the name of a built-in scene (paper-disc).\n\n\
+        First steps:\n  \
+        eit demo --out demo                    simulate two fingers, reconstruct, draw\n  \
+        eit plan paper-disc                    what a scene needs, and what it will cost\n  \
+        eit mesh paper-disc --out skin.png     look at the mesh\n  \
+        eit forward paper-disc --out v.csv     voltages of the untouched skin\n  \
+        eit reconstruct my.toml --frames f.csv --reference 0 --out images\n\n\
+        Exit codes: 0 done, 2 wrong usage or bad input, 1 failure."
+)]
+pub(crate) struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+    /// Print one JSON object on stdout instead of text.
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Simulate a touched skin on one mesh, reconstruct on another, write the pictures.
+    Demo(DemoArgs),
+    /// Show what a scene needs, what is left out and why, with sizes and costs.
+    Plan(PlanArgs),
+    /// Mesh a scene's skin and report its quality.
+    ///
+    /// The ending of --out chooses the format: .msh (Gmsh 4.1 with named electrodes), .vtu
+    /// (ParaView) or .png (picture).
+    Mesh(MeshArgs),
+    /// Compute the voltage of every measurement, in protocol order.
+    Forward(ForwardArgs),
+    /// Compute the Jacobian [measurement, element], volt per siemens.
+    Jacobian(JacobianArgs),
+    /// Turn recorded frames into images of the conductivity change.
+    ///
+    /// Writes images.npy [frame, row, column] in siemens (row 0 at the top, NaN outside the
+    /// skin), sheet.png, movie.gif for a sequence, and report.json. Formats of frames: .npy,
+    /// .csv, Sciospec .eit folders, GOE .get, LCT text, KHU Mark2.5 scan folders, raw serial logs.
+    Reconstruct(ReconstructArgs),
+}
+
+/// `eit demo`
+#[derive(Debug, Args)]
+pub(crate) struct DemoArgs {
+    /// Folder for the results.
+    #[arg(long, value_name = "DIR", default_value = "demo-out")]
+    pub out: PathBuf,
+}
+
+/// `eit plan`
+#[derive(Debug, Args)]
+pub(crate) struct PlanArgs {
+    /// Scene file or built-in scene.
+    pub scene: String,
+}
+
+/// `eit mesh`
+#[derive(Debug, Args)]
+pub(crate) struct MeshArgs {
+    /// Scene file or built-in scene.
+    pub scene: String,
+    /// Result: F.msh, F.vtu or F.png.
+    #[arg(long, value_name = "F")]
+    pub out: PathBuf,
+    /// About this many nodes, instead of the scene's density.
+    #[arg(long, value_name = "N")]
+    pub nodes: Option<usize>,
+}
+
+/// `eit forward`
+#[derive(Debug, Args)]
+pub(crate) struct ForwardArgs {
+    /// Scene file or built-in scene.
+    pub scene: String,
+    /// Mesh to use instead of the scene's (Gmsh 2.2 or 4.1, electrodes as physical groups
+    /// electrode_1, electrode_2, ...).
+    #[arg(long, value_name = "F.msh")]
+    pub mesh: Option<PathBuf>,
+    /// Conductivity, one value per element of the mesh in file order, siemens (.npy or .csv);
+    /// without it the scene's background.
+    #[arg(long, value_name = "F")]
+    pub conductivity: Option<PathBuf>,
+    /// Result: F.npy or F.csv, one value per measurement, volt.
+    #[arg(long, value_name = "F")]
+    pub out: PathBuf,
+}
+
+/// `eit jacobian`
+#[derive(Debug, Args)]
+pub(crate) struct JacobianArgs {
+    /// Scene file or built-in scene.
+    pub scene: String,
+    /// Mesh to use instead of the scene's.
+    #[arg(long, value_name = "F.msh")]
+    pub mesh: Option<PathBuf>,
+    /// Conductivity to linearise at, as for `eit forward`.
+    #[arg(long, value_name = "F")]
+    pub conductivity: Option<PathBuf>,
+    /// Result: F.npy.
+    #[arg(long, value_name = "F.npy")]
+    pub out: PathBuf,
+}
+
+/// `eit reconstruct`
+#[derive(Debug, Args)]
+pub(crate) struct ReconstructArgs {
+    /// Scene file or built-in scene.
+    pub scene: String,
+    /// Frames, one file or several; without it the scene's [recording] file.
+    #[arg(long, value_name = "F", num_args = 1..)]
+    pub frames: Vec<PathBuf>,
+    /// Reference: a frame number (from 0), "mean", "N..M" (mean of N to M-1), or a file.
+    #[arg(long, value_name = "F|N|N..M|mean")]
+    pub reference: Option<String>,
+    /// Method; this version has "gauss-newton" (one-step difference).
+    #[arg(long, value_name = "METHOD")]
+    pub method: Option<String>,
+    /// Folder for the results.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}

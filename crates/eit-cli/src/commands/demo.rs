@@ -1,0 +1,247 @@
+//! `eit demo`: simulate on one mesh, reconstruct on another, write the pictures.
+//!
+//! The skin is `paper-disc`. One finger goes once around near the rim, then two fingers stand
+//! opposite each other and turn. A finger raises the sheet conductivity in a bell of 12 mm. The
+//! frames get additive noise; the reference frame is the untouched skin with noise of its own.
+
+use super::{Answer, reconstruct};
+use crate::cli::DemoArgs;
+use crate::draw;
+use crate::error::CliError;
+use crate::frames::Frames;
+use crate::output::{OutFolder, io, write_npy};
+use crate::picture::{FrameLabels, PictureSettings, draw_sheet};
+use crate::pipeline::{self, Setup};
+use crate::progress::Progress;
+use crate::scene::Scene;
+use eit_inverse::metrics::correlation_coefficient;
+use ndarray::{Array2, Array3, Axis};
+use rand_distr::Distribution as _;
+use serde_json::{Value, json};
+
+/// Nodes of the mesh that simulates; the one that reconstructs has about 2 000.
+const SIMULATION_NODES: usize = 7000;
+/// Frames with one finger, then with two.
+const FRAMES: [usize; 2] = [24, 16];
+/// Seed of the noise.
+const SEED: u64 = 20_190_620;
+/// Noise, as a fraction of the root mean square voltage (60 dB).
+const NOISE: f64 = 1e-3;
+/// Standard deviation of a finger's bell, metres, and its relative conductivity change.
+const FINGER: (f64, f64) = (0.012, 0.5);
+/// Frames a second of the movie.
+const RATE_HZ: f64 = 8.0;
+
+/// Runs the demo.
+pub(crate) fn run(args: &DemoArgs) -> Result<Answer, CliError> {
+    let scene = Scene::load("paper-disc")?;
+    let mut out = OutFolder::new(&args.out)?;
+    let mut progress = Progress::default();
+    let touches = touches();
+    let simulated = pipeline::setup(&scene, None, Some(SIMULATION_NODES), &mut progress)?;
+    let frames = simulate(&scene, &simulated, &touches, &mut progress)?;
+
+    let setup = pipeline::setup(&scene, None, None, &mut progress)?;
+    let linearised = pipeline::linearise(&scene, &setup, &mut progress)?;
+    let imaging = pipeline::imaging(&scene, &setup, &linearised, &frames, &mut progress)?;
+    let images = imaging.images(&frames, &mut progress)?;
+
+    let truth = truth(&scene, &setup, &imaging.raster, &touches)?;
+    let scores = scores(&images, &truth, &imaging.raster, &touches)?;
+    out.write("frames.npy", |w| write_npy(&frames.values, w))?;
+    out.write("images.npy", |w| write_npy(&images, w))?;
+    out.write("truth.npy", |w| write_npy(&truth, w))?;
+    let skin = draw::skin(&setup.mesh, &imaging.raster);
+    let settings = PictureSettings {
+        title: "paper-disc: one finger, then two".to_owned(),
+        ..reconstruct::picture_settings(&scene, &imaging, Some(RATE_HZ))
+    };
+    reconstruct::write_pictures(&mut out, &images, &skin, &settings, Some(RATE_HZ), &mut progress)?;
+    let compared = comparison(&images, &truth, &skin, &settings)?;
+    out.write("truth_and_image.png", |w| Ok(compared.write_png(w)?))?;
+    let report = json!({
+        "scene": scene.name,
+        "simulation_nodes": simulated.mesh.surface().nodes().len(),
+        "reconstruction_nodes": setup.mesh.surface().nodes().len(),
+        "frames": images.shape()[0],
+        "noise_of_rms_voltage": NOISE,
+        "seed": SEED,
+        "hyperparameter": imaging.difference.report().hyperparameter,
+        "hyperparameter_rule": imaging.rule,
+        "scores": scores,
+        "stages": progress.times(),
+        "files": out.written(),
+    });
+    out.write("report.json", |w| writeln!(w, "{report:#}").map_err(io))?;
+    let text = format!(
+        "simulated {} frames on {} nodes, reconstructed on {} nodes\n\
+         one finger: median position error {:.1} mm, correlation with the truth {:.2}\n\
+         two fingers: correlation with the truth {:.2}\n\
+         look at {}",
+        images.shape()[0],
+        report["simulation_nodes"],
+        report["reconstruction_nodes"],
+        1e3 * scores["one_finger_position_error_m"].as_f64().unwrap_or(f64::NAN),
+        scores["one_finger_correlation"].as_f64().unwrap_or(f64::NAN),
+        scores["two_fingers_correlation"].as_f64().unwrap_or(f64::NAN),
+        out.path().join("truth_and_image.png").display()
+    );
+    Ok(Answer { text, json: report })
+}
+
+/// Finger positions of each frame, metres.
+fn touches() -> Vec<Vec<[f64; 2]>> {
+    let at = |radius: f64, turns: f64| {
+        let angle = std::f64::consts::TAU * (turns + 0.25);
+        [radius * angle.cos(), radius * angle.sin()]
+    };
+    let one = (0..FRAMES[0]).map(|f| vec![at(0.065, f as f64 / FRAMES[0] as f64)]);
+    let two = (0..FRAMES[1]).map(|f| {
+        let turns = -0.5 * f as f64 / FRAMES[1] as f64;
+        vec![at(0.055, turns), at(0.055, turns + 0.5)]
+    });
+    one.chain(two).collect()
+}
+
+/// Relative conductivity change at a point.
+fn change(point: [f64; 2], fingers: &[[f64; 2]]) -> f64 {
+    let bell = |finger: &[f64; 2]| {
+        let square = (point[0] - finger[0]).powi(2) + (point[1] - finger[1]).powi(2);
+        FINGER.1 * (-0.5 * square / FINGER.0.powi(2)).exp()
+    };
+    fingers.iter().map(bell).sum()
+}
+
+/// Voltages of the touched skin with noise, and a noisy reference.
+fn simulate(
+    scene: &Scene,
+    setup: &Setup,
+    touches: &[Vec<[f64; 2]>],
+    progress: &mut Progress,
+) -> Result<Frames, CliError> {
+    let background = scene.skin.conductivity_s;
+    let centroids = setup.mesh.surface().centroids();
+    let mut workspace = setup.model.workspace()?;
+    let mut solve = |fingers: &[[f64; 2]]| -> Result<_, CliError> {
+        let touched = |c: &[f64; 3]| background * (1.0 + change([c[0], c[1]], fingers));
+        let conductivity: Vec<f64> = centroids.iter().map(touched).collect();
+        Ok(setup.model.solve(&conductivity, &mut workspace)?.measurements())
+    };
+    let mut reference = solve(&[])?;
+    let count = setup.protocol.measurements();
+    let mut values = Array2::zeros((touches.len(), count));
+    progress.steps("simulate", touches.len(), |bar| {
+        for (mut frame, fingers) in values.rows_mut().into_iter().zip(touches) {
+            frame.assign(&solve(fingers)?);
+            bar.inc(1);
+        }
+        Ok::<(), CliError>(())
+    })?;
+    let rms = (reference.dot(&reference) / count as f64).sqrt();
+    let mut generator = rand_pcg::Pcg64Mcg::new(u128::from(SEED) << 64 | 1);
+    let mut noise = || {
+        let sample: f64 = rand_distr::StandardNormal.sample(&mut generator);
+        NOISE * rms * sample
+    };
+    values.iter_mut().for_each(|v| *v += noise());
+    reference.iter_mut().for_each(|v| *v += noise());
+    Ok(Frames {
+        values,
+        reference: reference.to_vec(),
+        reference_source: "the untouched skin".to_owned(),
+        used: vec![true; count],
+        rate_hz: Some(RATE_HZ),
+        reciprocity_error: None,
+        notes: Vec::new(),
+    })
+}
+
+/// True conductivity change on the raster, siemens.
+fn truth(
+    scene: &Scene,
+    setup: &Setup,
+    raster: &eit_mesh::Raster,
+    touches: &[Vec<[f64; 2]>],
+) -> Result<Array3<f64>, CliError> {
+    let centroids = setup.mesh.surface().centroids();
+    let mut images = Vec::new();
+    for fingers in touches {
+        let elements: Vec<f64> = centroids
+            .iter()
+            .map(|c| scene.skin.conductivity_s * change([c[0], c[1]], fingers))
+            .collect();
+        images.push(raster.image_from_elements(&elements)?);
+    }
+    let views: Vec<_> = images.iter().map(|i| i.view()).collect();
+    ndarray::stack(Axis(0), &views).map_err(|e| CliError::Failure(e.to_string()))
+}
+
+/// Position error of the one-finger frames and correlation with the truth.
+fn scores(
+    images: &Array3<f64>,
+    truth: &Array3<f64>,
+    raster: &eit_mesh::Raster,
+    touches: &[Vec<[f64; 2]>],
+) -> Result<Value, CliError> {
+    let mut errors = Vec::new();
+    let mut correlations = Vec::new();
+    for (f, fingers) in touches.iter().enumerate() {
+        let image = images.index_axis(Axis(0), f);
+        let pick = |array: &Array3<f64>| -> Vec<f64> {
+            raster.masked_pixels().iter().map(|&[i, j]| array[[f, i, j]]).collect()
+        };
+        let areas = raster.covered_areas_m2();
+        correlations.push(correlation_coefficient(&pick(images), &pick(truth), areas)?);
+        if let [finger] = fingers[..] {
+            let [x, y] = half_amplitude_centre(image, raster);
+            errors.push((x - finger[0]).hypot(y - finger[1]));
+        }
+    }
+    errors.sort_by(f64::total_cmp);
+    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+    Ok(json!({
+        "one_finger_position_error_m": errors[errors.len() / 2],
+        "one_finger_correlation": mean(&correlations[..FRAMES[0]]),
+        "two_fingers_correlation": mean(&correlations[FRAMES[0]..]),
+    }))
+}
+
+/// Centre of the pixels above half of the largest value, weighted by value, metres.
+fn half_amplitude_centre(
+    image: ndarray::ArrayView2<'_, f64>,
+    raster: &eit_mesh::Raster,
+) -> [f64; 2] {
+    let largest = image.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
+    let (mut sum, mut centre) = (0.0, [0.0; 2]);
+    for &[i, j] in raster.masked_pixels() {
+        let value = image[[i, j]];
+        if value > 0.5 * largest {
+            let [x, y] = raster.centre_m(i, j);
+            sum += value;
+            centre = [centre[0] + value * x, centre[1] + value * y];
+        }
+    }
+    centre.map(|c| c / sum)
+}
+
+/// Truth and image side by side for frames chosen evenly from both parts.
+fn comparison(
+    images: &Array3<f64>,
+    truth: &Array3<f64>,
+    skin: &crate::picture::SkinDrawing,
+    settings: &PictureSettings,
+) -> Result<crate::picture::Canvas, CliError> {
+    let chosen = [0, 6, 12, FRAMES[0], FRAMES[0] + 5, FRAMES[0] + 10];
+    let mut panels = Vec::new();
+    let mut labels = Vec::new();
+    for (name, source) in [("truth", truth), ("image", images)] {
+        for f in chosen {
+            panels.push(source.index_axis(Axis(0), f));
+            labels.push(format!("{name}, frame {f}"));
+        }
+    }
+    let stacked =
+        ndarray::stack(Axis(0), &panels).map_err(|e| CliError::Failure(e.to_string()))?;
+    let settings = PictureSettings { labels: FrameLabels::Text(labels), ..settings.clone() };
+    Ok(draw_sheet(stacked.view(), skin, &settings)?)
+}

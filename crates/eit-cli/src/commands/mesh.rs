@@ -1,0 +1,57 @@
+//! `eit mesh`
+
+use super::{Answer, check_ending};
+use crate::cli::MeshArgs;
+use crate::draw;
+use crate::error::CliError;
+use crate::output::OutFile;
+use crate::picture::{MeshDrawing, PictureSettings, draw_mesh};
+use crate::progress::Progress;
+use crate::scene::Scene;
+use eit_mesh::{GmshVersion, Mesh, Quality};
+use serde_json::json;
+use std::io::Write;
+
+/// Meshes, reports the quality, writes.
+pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
+    let format = check_ending(&args.out, &["msh", "vtu", "png"])?;
+    let scene = Scene::load(&args.scene)?;
+    let out = OutFile::new(&args.out)?;
+    let wanted = scene.mesh(args.nodes)?;
+    let mut progress = Progress::default();
+    let mesh = progress.stage("mesh", || wanted.build())?;
+    let quality = Quality::of(&mesh);
+    out.write(|writer| match format.as_str() {
+        "msh" => Ok(eit_mesh::write_gmsh(&mesh, &mut &mut *writer, GmshVersion::V4_1, &[])?),
+        "vtu" => Ok(eit_mesh::write_vtu(&mesh, &mut &mut *writer, &[])?),
+        _ => picture(&mesh, &scene.name, writer),
+    })?;
+    let json = json!({
+        "scene": scene.name,
+        "out": args.out,
+        "nodes": quality.nodes,
+        "triangles": quality.triangles,
+        "rim_edges": quality.rim_edges,
+        "smallest_angle_deg": quality.smallest_angle_deg,
+        "largest_angle_deg": quality.largest_angle_deg,
+        "mean_quality": quality.mean_quality,
+        "smallest_quality": quality.smallest_quality,
+        "shortest_edge_m": quality.shortest_edge_m,
+        "longest_edge_m": quality.longest_edge_m,
+        "area_m2": quality.area_m2,
+        "elements_per_electrode": quality.elements_per_electrode,
+        "stages": progress.times(),
+    });
+    Ok(Answer { text: format!("{quality}\nwritten: {}", args.out.display()), json })
+}
+
+fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), CliError> {
+    let surface = mesh.surface();
+    let nodes_m: Vec<[f64; 2]> = surface.nodes().iter().map(|p| [p[0], p[1]]).collect();
+    let triangles: Vec<[usize; 3]> =
+        surface.triangles().iter().map(|t| t.map(|n| n as usize)).collect();
+    let drawing = MeshDrawing { nodes_m: &nodes_m, triangles: &triangles, values: None };
+    let settings = PictureSettings { title: format!("{name}: mesh"), ..Default::default() };
+    let canvas = draw_mesh(&drawing, &draw::skin_of_mesh(mesh), &settings)?;
+    Ok(canvas.write_png(writer)?)
+}

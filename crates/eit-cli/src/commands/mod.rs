@@ -1,0 +1,68 @@
+//! One file per command. A command returns what it found, as text and as JSON.
+
+pub(crate) mod demo;
+pub(crate) mod forward;
+pub(crate) mod jacobian;
+pub(crate) mod mesh;
+pub(crate) mod plan;
+pub(crate) mod reconstruct;
+
+use crate::error::CliError;
+use crate::scene::Scene;
+use eit_fem::SolveReport;
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// What a command found.
+pub(crate) struct Answer {
+    /// For people.
+    pub text: String,
+    /// For programs: one object.
+    pub json: Value,
+}
+
+/// A forward solve for reports.
+fn solve_json(report: &SolveReport) -> Value {
+    json!({
+        "unknowns": report.unknowns,
+        "factor_entries": report.factor_entries,
+        "field_solves": report.field_solves,
+        "backward_error": report.backward_error,
+        "time_s": report.time_s,
+    })
+}
+
+/// The conductivity to solve for: a file's, checked for length, or the scene's background.
+fn conductivity(
+    scene: &Scene,
+    file: Option<&Path>,
+    elements: usize,
+) -> Result<Vec<f64>, CliError> {
+    let Some(path) = file else { return Ok(vec![scene.skin.conductivity_s; elements]) };
+    let recording = eit_hw::read_recording(path, None, &eit_hw::ReadOptions::default())?;
+    let values: Vec<f64> = recording.real.iter().copied().collect();
+    if values.len() != elements {
+        return Err(CliError::input(format!(
+            "{}: {} values, but the mesh has {elements} elements: one conductivity each, in file \
+             order",
+            path.display(),
+            values.len()
+        )));
+    }
+    Ok(values)
+}
+
+/// The ending of a path, lower case.
+fn ending(path: &Path) -> String {
+    path.extension().map_or_else(String::new, |e| e.to_string_lossy().to_lowercase())
+}
+
+/// Refuses an ending that the command does not write.
+fn check_ending(path: &Path, known: &[&str]) -> Result<String, CliError> {
+    let found = ending(path);
+    if known.contains(&found.as_str()) {
+        return Ok(found);
+    }
+    let message = format!("{}: --out must end in .{}", path.display(), known.join(" or ."));
+    Err(CliError::input(message))
+}

@@ -1,0 +1,247 @@
+//! `eit plan`: what a scene needs, what is left out and why.
+
+use super::Answer;
+use crate::cli::PlanArgs;
+use crate::error::CliError;
+use crate::pipeline::{self, DEFAULT_NOISE_FIGURE, DEFAULT_PIXELS, Setup};
+use crate::progress::Progress;
+use crate::scene::{DifferenceKind, Hyperparameter, OneOrMany, Rule, Scene, Shape};
+use eit_fem::analytic::DiscSeries;
+use eit_mesh::{Placement, Quality};
+use serde_json::{Value, json};
+
+/// Sustained rates behind the predicted times: sparse factorisation and sweeps, dense products,
+/// and streaming stores, measured on one 2.x GHz server core without vector extensions assumed.
+const FACTOR_FLOPS_PER_S: f64 = 4e9;
+const SWEEP_FLOPS_PER_S: f64 = 3e9;
+const DENSE_FLOPS_PER_S: f64 = 1.2e10;
+const STORE_BYTES_PER_S: f64 = 4e9;
+
+/// One stage of the plan.
+struct Stage {
+    name: &'static str,
+    size: String,
+    flops: f64,
+    bytes: f64,
+    time_s: f64,
+    why: String,
+}
+
+/// Builds what sizes need (mesh and symbolic factorisation), predicts the rest.
+pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
+    let scene = Scene::load(&args.scene)?;
+    let mut progress = Progress::default();
+    let setup = pipeline::setup(&scene, None, None, &mut progress)?;
+    let stages = stages(&scene, &setup);
+    let left_out = left_out(&scene, &setup);
+    let voltage_error = voltage_error(&scene, &setup)?;
+    let json = json!({
+        "scene": scene.name,
+        "stages": stages.iter().map(stage_json).collect::<Vec<_>>(),
+        "left_out": left_out.iter().map(|(what, why)| json!({"what": what, "why": why}))
+            .collect::<Vec<_>>(),
+        "expected_voltage_error": voltage_error,
+        "built": progress.times(),
+    });
+    let mut lines = vec![format!("{}: what is done", scene.name)];
+    for s in &stages {
+        lines.push(format!(
+            "  {:<22} {:<44} {:>9} flop {:>9} B {:>9} s",
+            s.name,
+            s.size,
+            short(s.flops),
+            short(s.bytes),
+            short(s.time_s)
+        ));
+        lines.push(format!("  {:<22} {}", "", s.why));
+    }
+    lines.push(match voltage_error {
+        Some(error) => format!(
+            "expected error of the voltages on this mesh: {:.1e} of the largest (homogeneous \
+             skin, against the mesh-free series)",
+            error
+        ),
+        None => "expected error of the voltages: no closed form for this shape or electrodes; \
+                 compare with a finer [mesh]"
+            .to_owned(),
+    });
+    lines.push("left out".to_owned());
+    lines.extend(left_out.iter().map(|(what, why)| format!("  {what:<22} {why}")));
+    Ok(Answer { text: lines.join("\n"), json })
+}
+
+fn stages(scene: &Scene, setup: &Setup) -> Vec<Stage> {
+    let cost = setup.model.cost();
+    let quality = Quality::of(&setup.mesh);
+    let (m, n) = (setup.protocol.measurements() as f64, setup.model.elements() as f64);
+    let entries = cost.factor_entries as f64;
+    let solves = cost.field_solves as f64;
+    let sweep = 2.0 * entries * solves;
+    let products = 3.0 * cost.field_products as f64 * n;
+    let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
+    let rank = m.min(cost.field_products as f64);
+    let spectrum = m * m * n + 4.0 * m * m * m;
+    let image = 2.0 * rank * (m + (pixels * pixels) as f64);
+    vec![
+        Stage {
+            name: "mesh",
+            size: format!("{} nodes, {} triangles", quality.nodes, quality.triangles),
+            flops: 0.0,
+            bytes: 24.0 * quality.nodes as f64 + 12.0 * n,
+            time_s: 1e-5 * quality.nodes as f64,
+            why: match scene.skin.shape {
+                Shape::Mesh => "read from the scene's file".to_owned(),
+                _ => format!("graded to the electrode ends, mean quality {:.3}", quality.mean_quality),
+            },
+        },
+        Stage {
+            name: "forward",
+            size: format!("{} unknowns, factor {} entries", cost.unknowns, cost.factor_entries),
+            flops: cost.factor_flops,
+            bytes: 8.0 * entries,
+            time_s: cost.factor_flops / FACTOR_FLOPS_PER_S + 2e-8 * n,
+            why: "one factorisation gives all voltages: electrodes are eliminated last".to_owned(),
+        },
+        Stage {
+            name: "Jacobian",
+            size: format!("[{m}, {n}], {} fields, {} products", solves, cost.field_products),
+            flops: sweep + products,
+            bytes: 8.0 * m * n,
+            time_s: sweep / SWEEP_FLOPS_PER_S + 8.0 * m * n / STORE_BYTES_PER_S,
+            why: format!(
+                "{} patterns span {solves} fields; reciprocal measurements share a product",
+                setup.protocol.stimulations_a().nrows()
+                    + setup.protocol.measurement_patterns().nrows()
+            ),
+        },
+        Stage {
+            name: "reconstruction matrix",
+            size: format!("{m} x {m} in measurement space"),
+            flops: spectrum,
+            bytes: 8.0 * (m * n + m * m),
+            time_s: spectrum / DENSE_FLOPS_PER_S,
+            why: hyperparameter_words(scene),
+        },
+        Stage {
+            name: "each frame",
+            size: format!("{pixels} x {pixels} pixels, rank {rank}"),
+            flops: image,
+            bytes: 4.0 * image,
+            time_s: image / STORE_BYTES_PER_S,
+            why: match pipeline::difference_kind(scene, &setup.protocol) {
+                DifferenceKind::Normalised => {
+                    "normalised difference: gains of channels cancel".to_owned()
+                }
+                DifferenceKind::Plain => {
+                    "plain difference: some patterns give voltages near zero".to_owned()
+                }
+            },
+        },
+    ]
+}
+
+fn hyperparameter_words(scene: &Scene) -> String {
+    let keys = &scene.reconstruction;
+    match &keys.hyperparameter {
+        None | Some(Hyperparameter::Rule(Rule::NoiseFigure)) => {
+            let figure = keys.noise_figure.unwrap_or(DEFAULT_NOISE_FIGURE);
+            format!("hyperparameter by noise figure {figure}: needs no data")
+        }
+        Some(Hyperparameter::Value(value)) => format!("hyperparameter {value}, from the scene"),
+        Some(Hyperparameter::Rule(Rule::LCurve)) => "hyperparameter by L-curve".to_owned(),
+        Some(Hyperparameter::Rule(Rule::Gcv)) => "hyperparameter by cross-validation".to_owned(),
+    }
+}
+
+/// What the scene does not use, and why.
+fn left_out(scene: &Scene, setup: &Setup) -> Vec<(&'static str, String)> {
+    let cost = setup.model.cost();
+    let patterns = setup.protocol.stimulations_a().nrows();
+    let (m, products) = (setup.protocol.measurements(), cost.field_products);
+    let mut list = vec![
+        ("complex arithmetic", "the scene has no reactive part".to_owned()),
+        ("forward sweeps", "currents enter at electrodes only, which are eliminated last".to_owned()),
+        (
+            "field solves",
+            format!("{} of {} patterns: the others are combinations", {
+                (patterns + setup.protocol.measurement_patterns().nrows())
+                    .saturating_sub(cost.field_solves)
+            }, patterns + setup.protocol.measurement_patterns().nrows()),
+        ),
+    ];
+    if m > products {
+        let why = format!("{} of {m} rows are multiples of others (reciprocity)", m - products);
+        list.push(("Jacobian products", why));
+    }
+    list.push(("time coupling", "one-step Gauss-Newton takes each frame by itself".to_owned()));
+    if scene.denoise.is_none() {
+        list.push(("U-net", "the scene has no [denoise]".to_owned()));
+    }
+    if scene.instrument.is_none() {
+        list.push(("instrument", "the scene has no [instrument]: recorded frames only".to_owned()));
+    }
+    list
+}
+
+/// Error of this mesh on the homogeneous disc, relative to the largest voltage.
+fn voltage_error(scene: &Scene, setup: &Setup) -> Result<Option<f64>, CliError> {
+    let Ok(crate::scene::SceneMesh::Generated { electrodes, .. }) = scene.mesh(None) else {
+        return Ok(None);
+    };
+    let (Some(radius_m), Placement::EquallySpaced { count, first_angle_deg, direction }) =
+        (scene.skin.radius_m.filter(|_| scene.skin.shape == Shape::Disc), &electrodes.placement)
+    else {
+        return Ok(None);
+    };
+    let Some(OneOrMany::One(contact_impedance_ohm_m)) = scene.electrodes.contact_impedance_ohm_m
+    else {
+        return Ok(None);
+    };
+    let turn = match direction {
+        eit_mesh::Direction::Counterclockwise => 1.0,
+        eit_mesh::Direction::Clockwise => -1.0,
+    };
+    let step = turn * std::f64::consts::TAU / *count as f64;
+    let series = DiscSeries {
+        radius_m,
+        conductivity_s: scene.skin.conductivity_s,
+        electrode_angles_rad: (0..*count)
+            .map(|l| first_angle_deg.to_radians() + step * l as f64)
+            .collect(),
+        electrode_width_m: electrodes.width_m,
+        contact_impedance_ohm_m,
+        // the layer under thin contacts needs more terms than the voltages do: 1e-5 is enough here
+        degree: 8,
+        harmonics: 1500,
+    };
+    let exact = series.electrode_potentials(setup.protocol.stimulations_a())?;
+    let background = vec![scene.skin.conductivity_s; setup.model.elements()];
+    let mut workspace = setup.model.workspace()?;
+    let found = setup.model.solve(&background, &mut workspace)?.measurements();
+    let patterns = setup.protocol.measurement_patterns();
+    let exact = setup.protocol.data().iter().map(|&[s, m]| {
+        exact.row(s as usize).dot(&patterns.row(m as usize))
+    });
+    let (mut largest, mut error) = (0.0_f64, 0.0_f64);
+    for (exact, found) in exact.zip(&found) {
+        largest = largest.max(exact.abs());
+        error = error.max((exact - found).abs());
+    }
+    Ok(Some(error / largest))
+}
+
+fn stage_json(stage: &Stage) -> Value {
+    json!({
+        "stage": stage.name,
+        "size": stage.size,
+        "flops": stage.flops,
+        "bytes": stage.bytes,
+        "expected_time_s": stage.time_s,
+        "why": stage.why,
+    })
+}
+
+/// Three digits and a power of ten.
+fn short(value: f64) -> String {
+    if value == 0.0 { "-".to_owned() } else { format!("{value:.1e}") }
+}

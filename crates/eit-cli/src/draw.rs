@@ -1,0 +1,80 @@
+//! From meshes and rasters to what the pictures need.
+
+use crate::picture::{ElectrodeDrawing, Extent, SkinDrawing};
+use eit_mesh::{Electrode, Mesh, Raster, Surface};
+use std::collections::HashMap;
+
+/// The skin of a mesh with a raster's extent.
+pub(crate) fn skin(mesh: &Mesh, raster: &Raster) -> SkinDrawing {
+    let [x_min_m, x_max_m, y_min_m, y_max_m] = raster.extent_m();
+    skin_with_extent(mesh, Extent { x_min_m, x_max_m, y_min_m, y_max_m })
+}
+
+/// The skin of a mesh, its extent the bounding box.
+pub(crate) fn skin_of_mesh(mesh: &Mesh) -> SkinDrawing {
+    let [low, high] = mesh.surface().bounds_m();
+    let extent =
+        Extent { x_min_m: low[0], x_max_m: high[0], y_min_m: low[1], y_max_m: high[1] };
+    skin_with_extent(mesh, extent)
+}
+
+fn skin_with_extent(mesh: &Mesh, extent: Extent) -> SkinDrawing {
+    let surface = mesh.surface();
+    let electrodes = mesh.electrodes().iter().enumerate().map(|(l, electrode)| {
+        let edges = match electrode {
+            Electrode::Rim(edges) => edges.clone(),
+            Electrode::Patch(triangles) => patch_rim(surface, triangles),
+        };
+        let rim_m = chains(&edges).into_iter().next().unwrap_or_default();
+        let rim_m = rim_m.iter().map(|&n| flat(surface, n)).collect();
+        ElectrodeDrawing { number: l + 1, rim_m, drawn: true }
+    });
+    let outlines_m = chains(surface.rim_edges())
+        .iter()
+        .map(|chain| chain.iter().map(|&n| flat(surface, n)).collect())
+        .collect();
+    SkinDrawing { outlines_m, electrodes: electrodes.collect(), extent }
+}
+
+fn flat(surface: &Surface, node: u32) -> [f64; 2] {
+    let p = surface.nodes()[node as usize];
+    [p[0], p[1]]
+}
+
+/// Outer edges of a set of triangles: those that only one of them has.
+fn patch_rim(surface: &Surface, triangles: &[u32]) -> Vec<[u32; 2]> {
+    let mut edges: HashMap<[u32; 2], ([u32; 2], usize)> = HashMap::new();
+    for &t in triangles {
+        let corners = surface.triangles()[t as usize];
+        for k in 0..3 {
+            let edge = [corners[k], corners[(k + 1) % 3]];
+            let key = [edge[0].min(edge[1]), edge[0].max(edge[1])];
+            edges.entry(key).or_insert((edge, 0)).1 += 1;
+        }
+    }
+    let mut rim: Vec<[u32; 2]> =
+        edges.into_values().filter(|(_, count)| *count == 1).map(|(edge, _)| edge).collect();
+    rim.sort_unstable();
+    rim
+}
+
+/// Joins directed edges to chains of nodes, longest first; a closed chain repeats its start.
+fn chains(edges: &[[u32; 2]]) -> Vec<Vec<u32>> {
+    let mut next: HashMap<u32, u32> = edges.iter().map(|e| (e[0], e[1])).collect();
+    let ends: std::collections::HashSet<u32> = edges.iter().map(|e| e[1]).collect();
+    // open chains start where no edge ends
+    let mut starts: Vec<u32> = edges.iter().map(|e| e[0]).filter(|n| !ends.contains(n)).collect();
+    starts.extend(edges.iter().map(|e| e[0]));
+    let mut found = Vec::new();
+    for start in starts {
+        let mut chain = vec![start];
+        while let Some(node) = chain.last().and_then(|last| next.remove(last)) {
+            chain.push(node);
+        }
+        if chain.len() > 1 {
+            found.push(chain);
+        }
+    }
+    found.sort_by_key(|chain| std::cmp::Reverse(chain.len()));
+    found
+}

@@ -1,0 +1,130 @@
+//! Files are written beside their place and renamed, so that nothing half-written is ever seen
+//! and nothing already there is lost. Whether a place is writable is found before computing.
+
+use crate::error::CliError;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
+
+/// A file to be: its temporary stands from the start, which proves that the folder is writable.
+pub(crate) struct OutFile {
+    path: PathBuf,
+    temporary: NamedTempFile,
+}
+
+impl OutFile {
+    /// Reserves a place.
+    pub fn new(path: &Path) -> Result<Self, CliError> {
+        if path.is_dir() {
+            let message = "is a folder: --out names a file here";
+            return Err(CliError::input(format!("{}: {message}", path.display())));
+        }
+        let folder = match path.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p,
+            _ => Path::new("."),
+        };
+        let temporary = temporary_in(folder).map_err(|e| {
+            let message = format!("{}: cannot write in this folder: {e}", folder.display());
+            CliError::input(message)
+        })?;
+        Ok(Self { path: path.to_path_buf(), temporary })
+    }
+
+    /// Writes the content and puts the file in its place.
+    pub fn write(
+        self,
+        content: impl FnOnce(&mut dyn Write) -> Result<(), CliError>,
+    ) -> Result<(), CliError> {
+        let Self { path, temporary } = self;
+        let mut writer = BufWriter::new(temporary);
+        content(&mut writer)?;
+        let temporary =
+            writer.into_inner().map_err(|e| CliError::at(&path, e.error()))?;
+        temporary.persist(&path).map_err(|e| CliError::at(&path, e.error))?;
+        Ok(())
+    }
+}
+
+/// A folder for results.
+pub(crate) struct OutFolder {
+    path: PathBuf,
+    written: Vec<String>,
+}
+
+impl OutFolder {
+    /// Makes the folder if needed and checks that it can be written to.
+    pub fn new(path: &Path) -> Result<Self, CliError> {
+        let refused = |e: std::io::Error| {
+            CliError::input(format!(
+                "{}: cannot write to this folder: {e}; choose another with --out",
+                path.display()
+            ))
+        };
+        std::fs::create_dir_all(path).map_err(refused)?;
+        temporary_in(path).map_err(refused)?;
+        Ok(Self { path: path.to_path_buf(), written: Vec::new() })
+    }
+
+    /// Writes one file of the folder.
+    pub fn write(
+        &mut self,
+        name: &str,
+        content: impl FnOnce(&mut dyn Write) -> Result<(), CliError>,
+    ) -> Result<(), CliError> {
+        OutFile::new(&self.path.join(name))?.write(content)?;
+        self.written.push(name.to_owned());
+        Ok(())
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Names written so far, in order.
+    pub fn written(&self) -> &[String] {
+        &self.written
+    }
+}
+
+fn temporary_in(folder: &Path) -> std::io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".eit-");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        // temporary files are private by default; these become the user's ordinary files
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    builder.tempfile_in(folder)
+}
+
+/// Writes any error of a writer as a failure.
+pub(crate) fn io(error: std::io::Error) -> CliError {
+    CliError::Failure(format!("writing failed: {error}"))
+}
+
+/// Writes an array as `.npy`.
+pub(crate) fn write_npy<S, D>(
+    array: &ndarray::ArrayBase<S, D>,
+    out: &mut dyn Write,
+) -> Result<(), CliError>
+where
+    S: ndarray::Data<Elem = f64>,
+    D: ndarray::Dimension,
+{
+    use ndarray_npy::WriteNpyExt as _;
+    array.write_npy(out).map_err(|e| CliError::Failure(format!("writing failed: {e}")))
+}
+
+/// Writes rows of numbers as comma-separated text, shortest form that reads back exactly.
+pub(crate) fn write_csv(
+    rows: ndarray::ArrayView2<'_, f64>,
+    out: &mut dyn Write,
+) -> Result<(), CliError> {
+    for row in rows.rows() {
+        let line: Vec<String> = row.iter().map(|v| format!("{v:e}")).collect();
+        writeln!(out, "{}", line.join(",")).map_err(io)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,215 @@
+//! Pixels, and the three marks everything is made of: rectangles, strokes and text.
+
+use std::io::Write;
+
+use image::{
+    ExtendedColorType, ImageEncoder,
+    codecs::png::{CompressionType, FilterType, PngEncoder},
+};
+
+use super::{
+    PictureError,
+    text::{CAP_HEIGHT_EM, Font},
+};
+
+/// Red, green, blue (sRGB).
+pub(super) type Rgb = [u8; 3];
+/// Paper.
+pub(super) const WHITE: Rgb = [255; 3];
+/// Text and electrodes.
+pub(super) const INK: Rgb = [32; 3];
+/// Outlines and axes.
+pub(super) const LINE: Rgb = [96; 3];
+/// Hatching where the skin has no value, grid lines.
+pub(super) const PALE: Rgb = [196; 3];
+
+/// Which part of a text stands at the given x.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Align {
+    Left,
+    Centre,
+    Right,
+}
+
+/// A white page to draw on. Positions are in points, x to the right and y down from the top left.
+#[derive(Clone, Debug)]
+pub(crate) struct Canvas {
+    width_px: usize,
+    height_px: usize,
+    zoom: usize,
+    rgb: Vec<u8>,
+    font: Font,
+}
+
+impl Canvas {
+    /// An empty page of `width` by `height` points with `zoom` pixels to a point.
+    pub(super) fn new(width: f64, height: f64, zoom: usize, font: Font) -> Self {
+        let px = |length: f64| (length.ceil().max(1.0) as usize) * zoom;
+        let (width_px, height_px) = (px(width), px(height));
+        Self { width_px, height_px, zoom, rgb: vec![255; 3 * width_px * height_px], font }
+    }
+
+    /// Width and height in pixels.
+    pub(crate) fn size_px(&self) -> [usize; 2] {
+        [self.width_px, self.height_px]
+    }
+
+    /// The pixels row by row from the top, three bytes each.
+    pub(crate) fn rgb(&self) -> &[u8] {
+        &self.rgb
+    }
+
+    /// Pixels to a point.
+    pub(super) fn zoom(&self) -> usize {
+        self.zoom
+    }
+
+    /// Writes the page as PNG.
+    ///
+    /// # Errors
+    /// [`PictureError::Png`] when `out` cannot be written.
+    pub(crate) fn write_png(&self, out: impl Write) -> Result<(), PictureError> {
+        let [width, height] = [self.width_px as u32, self.height_px as u32];
+        PngEncoder::new_with_quality(out, CompressionType::Default, FilterType::Adaptive)
+            .write_image(&self.rgb, width, height, ExtendedColorType::Rgb8)?;
+        Ok(())
+    }
+
+    /// Lays `colour` over a pixel, `opacity` from 0 to 1; outside the page nothing happens.
+    pub(super) fn blend(&mut self, x: i64, y: i64, colour: Rgb, opacity: f64) {
+        let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
+        if x < self.width_px && y < self.height_px {
+            let at = 3 * (y * self.width_px + x);
+            for (old, new) in self.rgb[at..at + 3].iter_mut().zip(colour) {
+                let mixed = f64::from(*old) + opacity * (f64::from(new) - f64::from(*old));
+                *old = mixed.round() as u8;
+            }
+        }
+    }
+
+    /// Fills a rectangle, its borders rounded to whole pixels.
+    pub(super) fn fill_rect(&mut self, [left, top]: [f64; 2], size: [f64; 2], colour: Rgb) {
+        let px = |at: f64| (at * self.zoom as f64).round() as i64;
+        let (columns, rows) = (px(left)..px(left + size[0]), px(top)..px(top + size[1]));
+        for y in rows {
+            columns.clone().for_each(|x| self.blend(x, y, colour, 1.0));
+        }
+    }
+
+    /// Draws a polyline with round ends and joints, anti-aliased. A single point is a dot.
+    ///
+    /// Each pixel takes the coverage of the nearest segment, so that joints are not darker.
+    pub(super) fn stroke(&mut self, points: &[[f64; 2]], width: f64, colour: Rgb, opacity: f64) {
+        let zoom = self.zoom as f64;
+        let points: Vec<_> = points.iter().map(|p| [p[0] * zoom, p[1] * zoom]).collect();
+        let Some(last) =
+            points.last().copied().filter(|_| points.iter().flatten().all(|v| v.is_finite()))
+        else {
+            return;
+        };
+        let width = width * zoom;
+        let reach = width / 2.0 + 1.0;
+        let pixels = |axis: usize, size: usize| {
+            let low = points.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - reach;
+            let high = points.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + reach;
+            (low.max(0.0) as usize).min(size)..(high.max(0.0).ceil() as usize).min(size)
+        };
+        let (columns, rows) = (pixels(0, self.width_px), pixels(1, self.height_px));
+        let mut coverage = vec![0.0_f64; columns.len() * rows.len()];
+        let ends = points.iter().skip(1).copied().chain([last]);
+        for (start, end) in points.iter().copied().zip(ends) {
+            let part = |axis: usize, within: &std::ops::Range<usize>| {
+                let low = (start[axis].min(end[axis]) - reach).max(within.start as f64) as usize;
+                let high = (start[axis].max(end[axis]) + reach).ceil().max(0.0) as usize;
+                low..high.min(within.end)
+            };
+            for y in part(1, &rows) {
+                for x in part(0, &columns) {
+                    let centre = [x as f64 + 0.5, y as f64 + 0.5];
+                    let inside = width / 2.0 + 0.5 - distance(centre, start, end);
+                    let at = (y - rows.start) * columns.len() + (x - columns.start);
+                    coverage[at] = coverage[at].max(inside.clamp(0.0, width.min(1.0)));
+                }
+            }
+        }
+        for (at, &covered) in coverage.iter().enumerate().filter(|(_, covered)| **covered > 0.0) {
+            let (x, y) = (columns.start + at % columns.len(), rows.start + at / columns.len());
+            self.blend(x as i64, y as i64, colour, covered * opacity);
+        }
+    }
+
+    /// The font of the page.
+    pub(super) fn font(&self) -> &Font {
+        &self.font
+    }
+
+    /// Writes one line; `y` is the middle of the capitals. Letters stand on whole pixels.
+    pub(super) fn text(&mut self, text: &str, em: f64, at: [f64; 2], align: Align, colour: Rgb) {
+        let (zoom, font) = (self.zoom as f64, self.font.clone());
+        let em = em * zoom;
+        let shift = match align {
+            Align::Left => 0.0,
+            Align::Centre => 0.5,
+            Align::Right => 1.0,
+        };
+        let x = (at[0] * zoom - shift * font.width(text, em)).round();
+        let baseline = (at[1] * zoom + CAP_HEIGHT_EM * em / 2.0).round();
+        font.raster(text, em, [x, baseline], |x, y, covered| self.blend(x, y, colour, covered));
+    }
+}
+
+/// The middle of a pixel near a coordinate, on which a line one point wide is sharp.
+pub(super) fn crisp(at: f64) -> f64 {
+    at.floor() + 0.5
+}
+
+/// A closed rectangle of sharp lines.
+pub(super) fn crisp_frame([left, top]: [f64; 2], [width, height]: [f64; 2]) -> [[f64; 2]; 5] {
+    let ([left, right], [top, bottom]) =
+        ([left, left + width].map(crisp), [top, top + height].map(crisp));
+    [[left, top], [right, top], [right, bottom], [left, bottom], [left, top]]
+}
+
+/// Distance of a point from a segment.
+fn distance(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
+    let (along, to) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
+    let length_squared = along[0].powi(2) + along[1].powi(2);
+    let t = (to[0] * along[0] + to[1] * along[1]) / length_squared.max(f64::MIN_POSITIVE);
+    let t = t.clamp(0.0, 1.0);
+    (to[0] - t * along[0]).hypot(to[1] - t * along[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn page() -> Canvas {
+        Canvas::new(40.0, 30.0, 1, Font::load().unwrap())
+    }
+
+    /// Ink on the page, in fully covered black pixels.
+    fn ink(canvas: &Canvas) -> f64 {
+        canvas.rgb.iter().step_by(3).map(|&red| 1.0 - f64::from(red) / 255.0).sum()
+    }
+
+    #[test]
+    fn a_stroke_covers_its_area() {
+        let mut canvas = page();
+        canvas.stroke(&[[5.0, 15.3], [20.0, 15.3], [35.0, 15.3]], 3.0, [0; 3], 1.0);
+        // length times width plus the two round ends; 2 % for the sampled edge and 8-bit colour
+        let area = 30.0 * 3.0 + std::f64::consts::PI * 1.5 * 1.5;
+        assert!((ink(&canvas) / area - 1.0).abs() < 0.02, "{} {area}", ink(&canvas));
+    }
+
+    #[test]
+    fn marks_off_the_page_or_without_place_change_nothing() {
+        let mut canvas = page();
+        canvas.stroke(&[[f64::NAN, 3.0], [9.0, 9.0]], 2.0, [0; 3], 1.0);
+        canvas.stroke(&[[-1e300, -1e300], [-1e9, -5.0]], 2.0, [0; 3], 1.0);
+        canvas.stroke(&[[1e12, 5.0], [1e15, 9.0]], 2.0, [0; 3], 1.0);
+        canvas.stroke(&[], 2.0, [0; 3], 1.0);
+        canvas.text("off", 10.0, [-500.0, 1e9], Align::Centre, [0; 3]);
+        canvas.fill_rect([50.0, 50.0], [5.0, 5.0], [0; 3]);
+        assert_eq!(canvas.rgb, page().rgb);
+    }
+}

@@ -1,0 +1,312 @@
+//! One image of the skin: values, outline, electrodes and their numbers.
+
+use ndarray::ArrayView2;
+
+use super::{
+    Extent, PictureError, SkinDrawing,
+    canvas::{Align, Canvas, INK, LINE, PALE, WHITE},
+    numbers::{NUMBER_EM, NUMBER_GAP, NUMBER_HEIGHT, Number, crossings, place_numbers, trimmed},
+    scale::Scale,
+    text::Font,
+};
+
+/// Thickness of an electrode's arc, in points.
+const ELECTRODE_WIDTH: f64 = 4.0;
+/// Least side of the skin's drawing, in points, however slim the skin.
+const LEAST_SIDE: f64 = 2.0;
+
+/// A skin laid out on a rectangle of the page, at the origin.
+#[derive(Clone, Debug)]
+pub(super) struct Panel {
+    /// Size with the numbers around, in points.
+    pub(super) size: [f64; 2],
+    outlines: Vec<Vec<[f64; 2]>>,
+    electrodes: Vec<Vec<[f64; 2]>>,
+    numbers: Vec<Number>,
+    extent: Extent,
+    view: View,
+    /// Pixels of the page inside the skin, row by row.
+    inside: Vec<bool>,
+    pixels: [usize; 2],
+}
+
+/// Metres to points: `(x - x_m) scale + margin`, y upside down.
+#[derive(Clone, Copy, Debug)]
+struct View {
+    scale: f64,
+    left_m: f64,
+    top_m: f64,
+    margin: f64,
+}
+
+impl View {
+    fn to_page(self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [self.margin + (x - self.left_m) * self.scale, self.margin + (self.top_m - y) * self.scale]
+    }
+
+    fn to_metres(self, [x, y]: [f64; 2]) -> [f64; 2] {
+        [self.left_m + (x - self.margin) / self.scale, self.top_m - (y - self.margin) / self.scale]
+    }
+}
+
+impl Panel {
+    /// Fits the skin into a square of `side` points, numbers included.
+    ///
+    /// # Errors
+    /// Coordinates that are not finite; a raster without area.
+    pub(super) fn new(
+        skin: &SkinDrawing,
+        side: f64,
+        zoom: usize,
+        font: &Font,
+    ) -> Result<Self, PictureError> {
+        let bounds = bounds_m(skin)?;
+        let shown = || skin.electrodes.iter().filter(|e| e.drawn);
+        let widest = shown().map(|e| font.width(&e.number.to_string(), NUMBER_EM));
+        let margin = widest.fold(0.0, f64::max).max(NUMBER_EM * NUMBER_HEIGHT) + NUMBER_GAP + 3.0;
+        let spans = [bounds.x_max_m - bounds.x_min_m, bounds.y_max_m - bounds.y_min_m];
+        let scale = (side - 2.0 * margin).max(LEAST_SIDE) / spans[0].max(spans[1]);
+        let size = spans.map(|span| (span * scale).max(LEAST_SIDE) + 2.0 * margin).map(f64::ceil);
+        let view = View { scale, left_m: bounds.x_min_m, top_m: bounds.y_max_m, margin };
+
+        let on_page = |curve: &[[f64; 2]]| -> Vec<_> {
+            curve.iter().map(|point| view.to_page(*point)).collect()
+        };
+        let close = |mut curve: Vec<[f64; 2]>| {
+            curve.extend(curve.first().copied());
+            curve
+        };
+        let outlines: Vec<_> = skin.outlines_m.iter().map(|o| close(on_page(o))).collect();
+        // the stroke's round ends reach beyond its points, the electrode must not
+        let electrodes: Vec<_> =
+            shown().map(|e| trimmed(on_page(&e.rim_m), ELECTRODE_WIDTH / 2.0)).collect();
+        let numbers = place_numbers(shown(), &electrodes, &outlines, size, font);
+        let pixels = size.map(|length| length as usize * zoom);
+        let inside = inside(&outlines, pixels, zoom as f64);
+        Ok(Self { size, outlines, electrodes, numbers, extent: skin.extent, view, inside, pixels })
+    }
+
+    /// Where a point of the skin is, on the panel at the origin.
+    pub(super) fn to_page(&self, point_m: [f64; 2]) -> [f64; 2] {
+        self.view.to_page(point_m)
+    }
+
+    /// Paints the values [row, column]; hatched where the skin has none (NaN).
+    ///
+    /// `corner` is the panel's place on the page, in whole points; `smooth` as in
+    /// [`super::PictureSettings`].
+    pub(super) fn draw_image(
+        &self,
+        canvas: &mut Canvas,
+        corner: [f64; 2],
+        image: ArrayView2<'_, f64>,
+        scale: &Scale,
+        smooth: bool,
+    ) {
+        let zoom = canvas.zoom();
+        let first = corner.map(|at| at as usize * zoom);
+        for row in 0..self.pixels[1] {
+            for column in 0..self.pixels[0] {
+                if !self.inside[row * self.pixels[0] + column] {
+                    continue;
+                }
+                let at = [column, row].map(|k| (k as f64 + 0.5) / zoom as f64);
+                let color = match self.value_at(self.view.to_metres(at), image, scale, smooth) {
+                    Some(value) => scale.color(value),
+                    None if self.outlines.is_empty() => continue,
+                    None if ((row + column) / zoom).is_multiple_of(5) => PALE,
+                    None => WHITE,
+                };
+                canvas.blend((first[0] + column) as i64, (first[1] + row) as i64, color, 1.0);
+            }
+        }
+    }
+
+    /// Value at a point: bilinear between the finite centres around it, or its pixel's own.
+    fn value_at(
+        &self,
+        [x, y]: [f64; 2],
+        image: ArrayView2<'_, f64>,
+        scale: &Scale,
+        smooth: bool,
+    ) -> Option<f64> {
+        let Extent { x_min_m, x_max_m, y_min_m, y_max_m } = self.extent;
+        let (rows, columns) = image.dim();
+        let across = (x - x_min_m) / (x_max_m - x_min_m) * columns as f64;
+        let down = (y_max_m - y) / (y_max_m - y_min_m) * rows as f64;
+        // half a pixel of grace: the outline may run just outside the raster
+        let near = |at: f64, count: usize| (-0.5..=count as f64 + 0.5).contains(&at);
+        if !near(across, columns) || !near(down, rows) {
+            return None;
+        }
+        let weights = |at: f64, count: usize| {
+            if !smooth {
+                let own = (at.max(0.0) as usize).min(count - 1);
+                return [(own, 1.0), (own, 0.0)];
+            }
+            let at = (at - 0.5).clamp(0.0, (count - 1) as f64);
+            let below = at as usize;
+            let share = at - below as f64;
+            [(below, 1.0 - share), ((below + 1).min(count - 1), share)]
+        };
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (row, row_weight) in weights(down, rows) {
+            for (column, column_weight) in weights(across, columns) {
+                let (value, weight) = (image[[row, column]], row_weight * column_weight);
+                if !value.is_nan() && weight > 0.0 {
+                    sum += weight * scale.bounded(value);
+                    total += weight;
+                }
+            }
+        }
+        // without an outline the pixel's own NaN is the border
+        let own = || {
+            image[[
+                (down.max(0.0) as usize).min(rows - 1),
+                (across.max(0.0) as usize).min(columns - 1),
+            ]]
+        };
+        let blank = self.outlines.is_empty() && own().is_nan();
+        (total > 0.0 && !blank).then(|| sum / total)
+    }
+
+    /// Draws outline, electrodes and numbers with the panel's corner at `corner`.
+    pub(super) fn draw_skin(&self, canvas: &mut Canvas, corner: [f64; 2]) {
+        let place = |curve: &[[f64; 2]]| -> Vec<[f64; 2]> {
+            curve.iter().map(|p| [corner[0] + p[0], corner[1] + p[1]]).collect()
+        };
+        for outline in &self.outlines {
+            canvas.stroke(&place(outline), 1.2, LINE, 1.0);
+        }
+        for electrode in &self.electrodes {
+            canvas.stroke(&place(electrode), ELECTRODE_WIDTH, INK, 1.0);
+        }
+        for Number { number, middle, width, on_skin } in &self.numbers {
+            let [x, y] = [corner[0] + middle[0], corner[1] + middle[1]];
+            if *on_skin {
+                let label = [[x - width / 2.0, y], [x + width / 2.0, y]];
+                canvas.stroke(&label, NUMBER_EM * NUMBER_HEIGHT + 3.0, WHITE, 0.8);
+            }
+            canvas.text(&number.to_string(), NUMBER_EM, [x, y], Align::Centre, INK);
+        }
+    }
+}
+
+/// Bounding box of everything drawn; a skin without curves is as large as its raster.
+fn bounds_m(skin: &SkinDrawing) -> Result<Extent, PictureError> {
+    let Extent { x_min_m, x_max_m, y_min_m, y_max_m } = skin.extent;
+    let spans = [x_max_m - x_min_m, y_max_m - y_min_m];
+    if !spans.iter().all(|span| span.is_finite() && *span > 0.0) {
+        return Err(PictureError::Extent(skin.extent));
+    }
+    let outlines = skin.outlines_m.iter().enumerate().map(|(i, curve)| ("outline", i, curve));
+    let electrodes = skin.electrodes.iter().enumerate().map(|(i, e)| ("electrode", i, &e.rim_m));
+    let mut low = [f64::INFINITY; 2];
+    let mut high = [f64::NEG_INFINITY; 2];
+    for (what, index, curve) in outlines.chain(electrodes) {
+        for &[x_m, y_m] in curve {
+            // 1e150: spans and their squares stay finite
+            if !(x_m.abs() < 1e150 && y_m.abs() < 1e150) {
+                return Err(PictureError::Coordinates { what, index, x_m, y_m });
+            }
+            low = [low[0].min(x_m), low[1].min(y_m)];
+            high = [high[0].max(x_m), high[1].max(y_m)];
+        }
+    }
+    if low[0].max(low[1]) == f64::INFINITY || (low == high) {
+        return Ok(skin.extent);
+    }
+    Ok(Extent { x_min_m: low[0], x_max_m: high[0], y_min_m: low[1], y_max_m: high[1] })
+}
+
+/// Which pixels have their centre inside the curves (even-odd); all of them without curves.
+fn inside(outlines: &[Vec<[f64; 2]>], [columns, rows]: [usize; 2], zoom: f64) -> Vec<bool> {
+    let mut inside = vec![outlines.is_empty(); columns * rows];
+    for (row, line) in inside.chunks_exact_mut(columns.max(1)).enumerate() {
+        let mut crossings = crossings(outlines, (row as f64 + 0.5) / zoom);
+        crossings.sort_by(f64::total_cmp);
+        for pair in crossings.chunks_exact(2) {
+            // first and one past the last centre between the two crossings
+            let [from, to] = [pair[0], pair[1]].map(|x| (x * zoom - 0.5).ceil().max(0.0) as usize);
+            line[from.min(columns)..to.min(columns).max(from.min(columns))].fill(true);
+        }
+    }
+    inside
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::picture::ElectrodeDrawing;
+    use crate::picture::fixture::{disc, inner_box};
+
+    #[test]
+    fn numbers_stand_outside_a_disc_and_inside_its_panel() {
+        for electrodes in [1, 4, 16, 48, 256] {
+            let panel = Panel::new(&disc(electrodes), 200.0, 1, &Font::load().unwrap()).unwrap();
+            let middle = panel.to_page([0.0; 2]);
+            let radius = panel.to_page([0.1, 0.0])[0] - middle[0];
+            for number in &panel.numbers {
+                let [x, y] = number.middle;
+                let half = [number.width / 2.0, NUMBER_EM * NUMBER_HEIGHT / 2.0];
+                assert!((x - middle[0]).hypot(y - middle[1]) > radius + half[1], "{number:?}");
+                assert!(x > half[0] && x + half[0] < panel.size[0], "{number:?}");
+                assert!(y > half[1] && y + half[1] < panel.size[1], "{number:?}");
+                assert!(!number.on_skin);
+            }
+            assert_eq!(panel.numbers[0].number, 1);
+            for (k, number) in panel.numbers.iter().enumerate() {
+                assert!(panel.numbers[..k].iter().all(|other| !number.overlaps(other)));
+            }
+        }
+    }
+
+    #[test]
+    fn electrodes_inside_the_skin_are_numbered_on_it_or_in_its_hole() {
+        let mut skin = disc(0);
+        skin.electrodes.push(inner_box(1, [0.05, 0.0], 0.005));
+        skin.outlines_m.push(inner_box(0, [-0.05, 0.0], 0.02).rim_m);
+        let in_hole = vec![[-0.06, 0.02], [-0.04, 0.02]];
+        skin.electrodes.push(ElectrodeDrawing { number: 2, rim_m: in_hole, drawn: true });
+        skin.electrodes.push(ElectrodeDrawing { drawn: false, ..inner_box(3, [0.0; 2], 0.01) });
+        let panel = Panel::new(&skin, 300.0, 1, &Font::load().unwrap()).unwrap();
+        let [patch, hole] = &panel.numbers[..] else { panic!("{:?}", panel.numbers) };
+        assert!(patch.on_skin && !hole.on_skin);
+        assert!(hole.middle[1] > panel.to_page([-0.05, 0.02])[1], "below the hole's upper rim");
+        let [low, high] = [[0.045, -0.005], [0.055, 0.005]].map(|p| panel.to_page(p));
+        let [x, y] = patch.middle;
+        assert!(x < low[0] || x > high[0] || y > low[1] || y < high[1], "outside its own patch");
+    }
+
+    #[test]
+    fn the_mask_is_as_large_as_the_skin() {
+        let zoom = 2;
+        let panel = Panel::new(&disc(16), 200.0, zoom, &Font::load().unwrap()).unwrap();
+        let radius_px = panel.view.scale * 0.1 * zoom as f64;
+        let area_px = panel.inside.iter().filter(|inside| **inside).count() as f64;
+        // the rim's 1000 pixels are each wrong by half a pixel at random: 0.1 % is ten sigma
+        assert!((area_px / (std::f64::consts::PI * radius_px.powi(2)) - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn trimming_takes_the_length_it_says() {
+        let curve = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 10.0], [4.0, 10.0]];
+        assert_eq!(trimmed(curve.clone(), 2.0), [[1.0, 1.0], [1.0, 10.0], [2.0, 10.0]]);
+        // a quarter of the length of 14 is left out at either end, and half stays
+        assert_eq!(trimmed(curve, 99.0), [[1.0, 2.5], [1.0, 9.5]]);
+        assert_eq!(trimmed(vec![[1.0, 1.0]; 3], 2.0), vec![[1.0, 1.0]; 3]);
+        assert!(trimmed(Vec::new(), 2.0).is_empty());
+    }
+
+    #[test]
+    fn curves_without_place_are_refused() {
+        let mut skin = disc(4);
+        skin.electrodes[2].rim_m[1][0] = f64::NAN;
+        let error = Panel::new(&skin, 200.0, 1, &Font::load().unwrap()).unwrap_err();
+        assert!(error.to_string().starts_with("electrode 2 has the coordinates (NaN,"), "{error}");
+        let mut skin = disc(4);
+        skin.extent.x_max_m = skin.extent.x_min_m;
+        let error = Panel::new(&skin, 200.0, 1, &Font::load().unwrap()).unwrap_err();
+        assert!(matches!(error, PictureError::Extent(_)));
+    }
+}

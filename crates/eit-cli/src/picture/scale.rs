@@ -1,0 +1,297 @@
+//! From values to colours, and round numbers to write beside them.
+
+use super::{
+    PictureError, PictureSettings,
+    canvas::{Align, Canvas, INK, LINE, Rgb, crisp, crisp_frame},
+    colormap::ColorMap,
+};
+
+/// Steps of colour. Odd, so that zero has the neutral one; few enough to leave room for greys
+/// in the 256 colours of a GIF.
+pub(super) const LEVELS: usize = 201;
+/// Values beyond this would overflow in differences; they count as infinite.
+const LARGEST: f64 = 1e300;
+/// A largest magnitude below this counts as zero: its ticks would underflow.
+const SMALLEST: f64 = 1e-300;
+/// Em of numbers, in points.
+const TICK_EM: f64 = 11.0;
+/// Most room for the bar's heading, in points; a longer one is cut.
+const HEADING_WIDTH: f64 = 160.0;
+/// Width of the bar and length of its ticks, in points.
+const BAR: [f64; 2] = [14.0, 4.0];
+
+/// The map from values to colours that all panels of a picture share.
+#[derive(Clone, Debug)]
+pub(super) struct Scale {
+    low: f64,
+    high: f64,
+    colors: Vec<Rgb>,
+    heading: String,
+    ticks: Ticks,
+    /// What a reader must know about values that the colours do not tell apart.
+    pub(super) remarks: Vec<String>,
+}
+
+impl Scale {
+    /// A scale for these values; NaN counts as absent.
+    pub(super) fn new<'a>(
+        values: impl Iterator<Item = &'a f64> + Clone,
+        settings: &PictureSettings,
+    ) -> Result<Self, PictureError> {
+        let finite = values.clone().filter(|v| v.abs() <= LARGEST);
+        let least = finite.clone().copied().fold(f64::INFINITY, f64::min);
+        let most = finite.clone().copied().fold(f64::NEG_INFINITY, f64::max);
+        let [low, high] = match settings.range {
+            Some([low, high])
+                if low < high && (SMALLEST..=LARGEST).contains(&low.abs().max(high.abs())) =>
+            {
+                [low, high]
+            }
+            Some([low, high]) => return Err(PictureError::Range { low, high }),
+            None => [least, most],
+        };
+        let [low, high] = widened([low, high], settings.map);
+
+        let mut remarks = Vec::new();
+        let mut remark = |count: usize, text: &str| {
+            if count > 0 {
+                remarks.push(format!("{text}: {count}"));
+            }
+        };
+        remark(finite.clone().filter(|v| **v < low || **v > high).count(), "values beyond the bar");
+        remark(values.filter(|v| v.abs() > LARGEST).count(), "infinite values");
+        if least > most {
+            remarks.push("no finite value".to_owned());
+        } else if least == most {
+            let value = if least == 0.0 { "0".to_owned() } else { format!("{least:e}") };
+            remarks.push(
+                format!("all values are {value}\u{a0}{}", settings.unit).trim_end().to_owned(),
+            );
+        }
+
+        let ticks = Ticks::linear(low, high, 6);
+        let unit = with_prefix(&settings.unit, ticks.exponent);
+        let heading = match (settings.quantity.is_empty(), unit.is_empty()) {
+            (_, true) => settings.quantity.clone(),
+            (true, _) => unit,
+            _ => format!("{} ({unit})", settings.quantity),
+        };
+        let colors = (0..LEVELS)
+            .map(|level| settings.map.color(level as f64 / (LEVELS - 1) as f64))
+            .collect();
+        Ok(Self { low, high, colors, heading, ticks, remarks })
+    }
+
+    /// The value that stands for `value` in interpolation: infinities become the bar's ends.
+    pub(super) fn bounded(&self, value: f64) -> f64 {
+        if value.abs() > LARGEST { value.clamp(self.low, self.high) } else { value }
+    }
+
+    /// Colour of a value that is not NaN; beyond the ends the end's colour.
+    pub(super) fn color(&self, value: f64) -> Rgb {
+        let level = self.position(value) * (LEVELS - 1) as f64;
+        self.colors[(level.round() as usize).min(LEVELS - 1)]
+    }
+
+    /// All colours there are, from the lower end up.
+    pub(super) fn colors(&self) -> &[Rgb] {
+        &self.colors
+    }
+
+    /// Place of a value on the bar, 0 to 1.
+    fn position(&self, value: f64) -> f64 {
+        ((value - self.low) / (self.high - self.low)).clamp(0.0, 1.0)
+    }
+
+    /// Space that [`Scale::draw_bar`] takes to the right of its left border, in points.
+    pub(super) fn bar_width(&self, width_of: impl Fn(&str, f64) -> f64) -> f64 {
+        let labels = self.ticks.labels.iter().map(|label| width_of(label, TICK_EM));
+        let labels = BAR[0] + BAR[1] + 4.0 + labels.fold(0.0, f64::max);
+        labels.max(width_of(&self.heading, TICK_EM).min(HEADING_WIDTH))
+    }
+
+    /// Draws the bar, its heading on top and its ticks on the right; the heading's middle is 18
+    /// points above `top`.
+    pub(super) fn draw_bar(&self, canvas: &mut Canvas, [left, top]: [f64; 2], height: f64) {
+        let heading = canvas.font().shortened(&self.heading, TICK_EM, HEADING_WIDTH);
+        canvas.text(&heading, TICK_EM, [left, top - 18.0], Align::Left, INK);
+        let rows = (height * canvas.zoom() as f64) as usize;
+        let row_height = height / rows.max(1) as f64;
+        for row in 0..rows {
+            let value = self.high - (row as f64 + 0.5) / rows as f64 * (self.high - self.low);
+            let corner = [left, top + row as f64 * row_height];
+            canvas.fill_rect(corner, [BAR[0], row_height], self.color(value));
+        }
+        canvas.stroke(&crisp_frame([left, top], [BAR[0], height]), 1.0, LINE, 1.0);
+        let (right, bottom) = (left + BAR[0], top + height);
+        for (value, label) in self.ticks.values.iter().zip(&self.ticks.labels) {
+            let y = bottom - self.position(*value) * height;
+            let end = right + BAR[1];
+            canvas.stroke(&[[right, crisp(y)], [end, crisp(y)]], 1.0, LINE, 1.0);
+            canvas.text(label, TICK_EM, [right + BAR[1] + 4.0, y], Align::Left, INK);
+        }
+    }
+}
+
+/// A range of positive width that can be divided into ticks, symmetric for a diverging map.
+fn widened([low, high]: [f64; 2], map: ColorMap) -> [f64; 2] {
+    let largest = low.abs().max(high.abs());
+    if low > high || largest < SMALLEST {
+        // no values, or all zero: any bar will do
+        return if map == ColorMap::CoolWarm { [-1.0, 1.0] } else { [0.0, 1.0] };
+    }
+    if map == ColorMap::CoolWarm {
+        return [-largest, largest];
+    }
+    // narrower than 1e-6 of its place, a range cannot be written in a few digits
+    let missing = (1e-6 * largest - (high - low)).max(0.0);
+    [low - missing / 2.0, high + missing / 2.0]
+}
+
+/// Round numbers along an axis.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Ticks {
+    /// Where they stand.
+    pub(super) values: Vec<f64>,
+    /// What is written: the value over ten to the exponent.
+    pub(super) labels: Vec<String>,
+    /// Power of ten, a multiple of three, that the labels leave out.
+    pub(super) exponent: i32,
+    /// Power of ten of the step's digit.
+    step_exponent: i32,
+}
+
+impl Ticks {
+    /// At most `most` (at least 2) steps of 1, 2 or 5 times a power of ten between the ends.
+    pub(super) fn linear(low: f64, high: f64, most: usize) -> Self {
+        let rough = (high - low) / most.max(2) as f64;
+        let decade = rough.log10().floor();
+        // 1e-9: a rough step of exactly one power must not become the next by rounding
+        let mantissa = rough / 10f64.powf(decade) * (1.0 - 1e-9);
+        let nice = [1.0, 2.0, 5.0, 10.0].into_iter().find(|n| mantissa <= *n).unwrap_or(10.0);
+        let step = nice * 10f64.powf(decade);
+        // the largest tick decides the prefix: one to three digits before the point
+        let largest = low.abs().max(high.abs()) * (1.0 + 1e-9);
+        let exponent = 3 * (largest.log10() / 3.0).floor() as i32;
+        let step_exponent = decade as i32 + i32::from(nice == 10.0);
+        let (first, last) = ((low / step - 1e-6).ceil(), (high / step + 1e-6).floor());
+        let count = ((last - first).max(0.0) as usize).min(4 * most.max(2)) + 1;
+        let values: Vec<f64> = (0..count).map(|k| (first + k as f64) * step).collect();
+        Self { values, labels: Vec::new(), exponent, step_exponent }.labelled(exponent)
+    }
+
+    /// The same ticks, written over ten to another exponent.
+    pub(super) fn labelled(mut self, exponent: i32) -> Self {
+        let decimals = (exponent - self.step_exponent).clamp(0, 12) as usize;
+        let label = |value: &f64| signed(value / 10f64.powi(exponent), decimals);
+        self.labels = self.values.iter().map(label).collect();
+        self.exponent = exponent;
+        self
+    }
+}
+
+/// A decimal number with a real minus sign, and none on zero.
+fn signed(value: f64, decimals: usize) -> String {
+    let digits = format!("{:.decimals$}", value.abs());
+    let zero = digits.chars().all(|c| c == '0' || c == '.');
+    if value < 0.0 && !zero { format!("−{digits}") } else { digits }
+}
+
+/// Ten to an integer power, as printed: 10⁻⁶.
+pub(super) fn power_of_ten(exponent: i32) -> String {
+    const RAISED: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let mut text = String::from("10");
+    for letter in exponent.to_string().chars() {
+        text.push(letter.to_digit(10).map_or('⁻', |digit| RAISED[digit as usize]));
+    }
+    text
+}
+
+/// The unit that stands for ten to `exponent` of `unit`: µS, or 10⁻¹⁵ S beyond the prefixes.
+fn with_prefix(unit: &str, exponent: i32) -> String {
+    let prefix = match exponent {
+        -12 => "p",
+        -9 => "n",
+        -6 => "µ",
+        -3 => "m",
+        0 => "",
+        3 => "k",
+        6 => "M",
+        9 => "G",
+        _ => return format!("{} {unit}", power_of_ten(exponent)).trim_end().to_owned(),
+    };
+    match unit {
+        "" if exponent != 0 => power_of_ten(exponent),
+        _ => format!("{prefix}{unit}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scale(values: &[f64], map: ColorMap, range: Option<[f64; 2]>) -> Scale {
+        Scale::new(values.iter(), &PictureSettings { map, range, ..Default::default() }).unwrap()
+    }
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        let ticks = Ticks::linear(-2.34e-6, 2.34e-6, 6);
+        assert_eq!(ticks.labels, ["−2", "−1", "0", "1", "2"]);
+        assert_eq!(ticks.exponent, -6);
+        assert_eq!(Ticks::linear(0.0, 1.0, 5).labels, ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
+        assert_eq!(Ticks::linear(0.0, 999.0, 4).labels, ["0", "500"]);
+        assert_eq!(Ticks::linear(-1e3, 1e3, 4).labels, ["−1.0", "−0.5", "0.0", "0.5", "1.0"]);
+        assert_eq!(Ticks::linear(0.0, 45e-15, 6).labels, ["0", "10", "20", "30", "40"]);
+    }
+
+    #[test]
+    fn units_take_a_prefix_or_a_power() {
+        assert_eq!(scale(&[-2e-6, 1e-6], ColorMap::CoolWarm, None).heading, "Δσ (µS)");
+        assert_eq!(scale(&[3e-17], ColorMap::CoolWarm, None).heading, "Δσ (10⁻¹⁸ S)");
+        assert_eq!(with_prefix("", 3), "10³");
+        assert_eq!(with_prefix("", 0), "");
+    }
+
+    #[test]
+    fn a_diverging_scale_is_neutral_at_zero_and_symmetric() {
+        let scale = scale(&[-1.0, 4.0, f64::NAN], ColorMap::CoolWarm, None);
+        assert_eq!([scale.low, scale.high], [-4.0, 4.0]);
+        assert_eq!(scale.color(0.0), ColorMap::CoolWarm.color(0.5));
+        assert_eq!(scale.color(-4.0), ColorMap::CoolWarm.color(0.0));
+        assert_eq!(scale.color(f64::INFINITY), scale.color(4.0));
+    }
+
+    #[test]
+    fn odd_values_still_make_a_bar() {
+        let cases: [&[f64]; 7] = [
+            &[],
+            &[f64::NAN],
+            &[0.0, 0.0],
+            &[5e-324, -5e-324],
+            &[1e-300, 1e300],
+            &[f64::MAX, f64::MIN, f64::INFINITY],
+            &[7.0, 7.0 + 1e-12],
+        ];
+        for values in cases {
+            for map in [ColorMap::CoolWarm, ColorMap::Viridis] {
+                let scale = scale(values, map, None);
+                assert!(scale.low < scale.high, "{values:?} {map:?}");
+                assert!((1..=7).contains(&scale.ticks.values.len()), "{values:?} {scale:?}");
+                assert!(scale.ticks.labels.iter().all(|label| label.len() < 16), "{scale:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_given_range_is_kept_and_says_what_it_clips() {
+        let scale = scale(&[1.0, 9.0], ColorMap::Viridis, Some([0.0, 5.0]));
+        assert_eq!([scale.low, scale.high], [0.0, 5.0]);
+        assert_eq!(scale.remarks, ["values beyond the bar: 1"]);
+        for range in [[1.0, 1.0], [2.0, 1.0], [f64::NAN, 1.0], [0.0, f64::INFINITY]] {
+            let settings = PictureSettings { range: Some(range), ..Default::default() };
+            let error = Scale::new([1.0].iter(), &settings).unwrap_err();
+            assert!(matches!(error, PictureError::Range { .. }));
+        }
+    }
+}

@@ -1,0 +1,287 @@
+//! The contact sheet: one or many images of one skin on a page, with one colour bar.
+
+use ndarray::{ArrayView3, Axis};
+
+use super::{
+    FrameLabels, PictureError, PictureSettings, SkinDrawing,
+    canvas::Canvas,
+    page::{LABEL_EM, Page, PageSettings},
+    panel::Panel,
+    scale::Scale,
+    text::Font,
+};
+
+/// Most images on a sheet.
+const MAX_PANELS: usize = 24;
+/// Sides of the panels in points: a single image, up to four, and more.
+const PANEL_SIDES: [f64; 3] = [400.0, 280.0, 190.0];
+
+/// Longer labels are cut, in points.
+const LABEL_WIDTH: f64 = 300.0;
+
+/// Draws images [frame, row, column] on one page, with one scale for all of them.
+///
+/// Row 0 is at the top (largest y); NaN is no value. Of more than 24 frames, 24 are chosen
+/// evenly, the first and the last among them, and the small print says so. A raster finer than
+/// the panel's pixels is sampled, not averaged.
+///
+/// # Errors
+/// No image; a skin whose coordinates are not finite; labels, range or rate that do not fit.
+pub(crate) fn draw_sheet(
+    images: ArrayView3<'_, f64>,
+    skin: &SkinDrawing,
+    settings: &PictureSettings,
+) -> Result<Canvas, PictureError> {
+    let cells = images.len_of(Axis(0)).min(MAX_PANELS);
+    let side = PANEL_SIDES[usize::from(cells > 1) + usize::from(cells > 4)];
+    let zoom = settings.zoom.clamp(1, 4);
+    let layout = SheetLayout { most: MAX_PANELS, cells, side, zoom };
+    let sheet = ImageSheet::new(images, skin, settings, layout)?;
+    let mut canvas = sheet.page.canvas.clone();
+    for cell in 0..cells {
+        sheet.draw_frame(&mut canvas, cell, cell);
+    }
+    Ok(canvas)
+}
+
+/// How many frames of how many go where.
+pub(super) struct SheetLayout {
+    /// Most frames to choose.
+    pub(super) most: usize,
+    /// Panels side by side.
+    pub(super) cells: usize,
+    /// Longer side of each, in points.
+    pub(super) side: f64,
+    /// Pixels to a point.
+    pub(super) zoom: usize,
+}
+
+/// Chosen frames, and the page that waits for them.
+pub(super) struct ImageSheet<'a> {
+    images: ArrayView3<'a, f64>,
+    smooth: bool,
+    /// Which of the images are shown.
+    pub(super) chosen: Vec<usize>,
+    labels: Vec<String>,
+    pub(super) scale: Scale,
+    panel: Panel,
+    pub(super) page: Page,
+}
+
+impl<'a> ImageSheet<'a> {
+    /// Checks the input and prepares everything that all frames share.
+    pub(super) fn new(
+        images: ArrayView3<'a, f64>,
+        skin: &SkinDrawing,
+        settings: &PictureSettings,
+        layout: SheetLayout,
+    ) -> Result<Self, PictureError> {
+        let (frames, rows, columns) = images.dim();
+        if images.is_empty() {
+            return Err(PictureError::Empty { frames, rows, columns });
+        }
+        let SheetLayout { most, cells, side, zoom } = layout;
+        let chosen = evenly_chosen(frames, most);
+        let scale = Scale::new(images.iter(), settings)?;
+        let labels = labels(&settings.labels, frames, &chosen)?;
+        let font = Font::load()?;
+        let labels: Vec<String> =
+            labels.iter().map(|label| font.shortened(label, LABEL_EM, LABEL_WIDTH)).collect();
+        let panel = Panel::new(skin, side, zoom, &font)?;
+        let mut notes = vec![settings.footnote.clone()];
+        if chosen.len() < frames {
+            notes.push(format!("{} of {frames} frames", chosen.len()));
+        }
+        notes.extend(scale.remarks.iter().cloned());
+        let page = Page::new(
+            &PageSettings {
+                title: &settings.title,
+                note: &joined(&notes),
+                cells,
+                cell_size: panel.size,
+                label_width: labels.iter().map(|l| font.width(l, LABEL_EM)).reduce(f64::max),
+                scale: Some(&scale),
+                zoom,
+            },
+            font,
+        );
+        Ok(Self { images, smooth: settings.smooth, chosen, labels, scale, panel, page })
+    }
+
+    /// Draws the `k`-th of the chosen frames into a panel of the page.
+    pub(super) fn draw_frame(&self, canvas: &mut Canvas, cell: usize, k: usize) {
+        let corner = self.page.corners[cell];
+        let image = self.images.index_axis(Axis(0), self.chosen[k]);
+        self.panel.draw_image(canvas, corner, image, &self.scale, self.smooth);
+        self.panel.draw_skin(canvas, corner);
+        self.page.label(canvas, corner, &self.labels[k]);
+    }
+}
+
+/// The notes that are not empty, in one line.
+pub(super) fn joined(notes: &[String]) -> String {
+    let notes: Vec<&str> = notes.iter().map(|n| n.trim()).filter(|n| !n.is_empty()).collect();
+    notes.join(" · ")
+}
+
+/// Evenly chosen indices, the first and the last among them; all of them up to `most`.
+fn evenly_chosen(frames: usize, most: usize) -> Vec<usize> {
+    let count = frames.min(most);
+    let gaps = count.saturating_sub(1).max(1);
+    (0..count).map(|k| (k * frames.saturating_sub(1) + gaps / 2) / gaps).collect()
+}
+
+/// Labels of the chosen frames.
+fn labels(
+    labels: &FrameLabels,
+    frames: usize,
+    chosen: &[usize],
+) -> Result<Vec<String>, PictureError> {
+    match labels {
+        FrameLabels::Number => Ok(chosen.iter().map(|frame| format!("frame {frame}")).collect()),
+        FrameLabels::Time { rate_hz } if rate_hz.is_finite() && *rate_hz > 0.0 => {
+            let label = |frame: &usize| format!("frame {frame} · {:.2} s", *frame as f64 / rate_hz);
+            Ok(chosen.iter().map(label).collect())
+        }
+        FrameLabels::Time { rate_hz } => Err(PictureError::FrameRate { rate_hz: *rate_hz }),
+        FrameLabels::Text(texts) if texts.len() == frames => {
+            Ok(chosen.iter().map(|frame| texts[*frame].clone()).collect())
+        }
+        FrameLabels::Text(texts) => Err(PictureError::LabelCount { labels: texts.len(), frames }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::picture::{
+        ColorMap,
+        canvas::PALE,
+        fixture::{disc, inner_box, walk},
+    };
+
+    fn small() -> PictureSettings {
+        PictureSettings { zoom: 1, ..Default::default() }
+    }
+
+    fn count(canvas: &Canvas, color: [u8; 3]) -> usize {
+        canvas.rgb().chunks_exact(3).filter(|pixel| *pixel == color).count()
+    }
+
+    #[test]
+    fn frames_are_chosen_evenly_with_both_ends() {
+        assert_eq!(evenly_chosen(3, 24), [0, 1, 2]);
+        assert_eq!(evenly_chosen(11, 3), [0, 5, 10]);
+        let chosen = evenly_chosen(255, 24);
+        assert_eq!((chosen.len(), chosen[0], chosen[23]), (24, 0, 254));
+        // 254 / 23 is 11.04
+        assert!(chosen.windows(2).all(|w| (11..=12).contains(&(w[1] - w[0]))));
+    }
+
+    #[test]
+    fn the_page_grows_with_the_panels_and_the_zoom() {
+        let size = |frames: usize, zoom: usize| {
+            let settings = PictureSettings { zoom, ..Default::default() };
+            draw_sheet(walk(frames, 8).view(), &disc(8), &settings).unwrap().size_px()
+        };
+        let ([w6, h6], [w24, h24]) = (size(6, 1), size(24, 1));
+        // 3 x 2 and 6 x 4 panels of 190 points, a gap of 8 and a label of 17 under each
+        assert_eq!([w24 - w6, h24 - h6], [3 * (190 + 8), 2 * (190 + 17 + 8)]);
+        assert_eq!(size(6, 2), [2 * w6, 2 * h6]);
+        // one line more in the small print: "24 of 25 frames"
+        assert_eq!(size(25, 1)[0], w24);
+        assert!(size(25, 1)[1] > h24);
+    }
+
+    #[test]
+    fn the_same_input_gives_the_same_bytes() {
+        let png = || {
+            let mut bytes = Vec::new();
+            let canvas = draw_sheet(walk(5, 16).view(), &disc(16), &small()).unwrap();
+            canvas.write_png(&mut bytes).unwrap();
+            (bytes, canvas)
+        };
+        let ((bytes, canvas), (again, _)) = (png(), png());
+        assert_eq!(bytes, again);
+        let decoded = image::load_from_memory(&bytes).unwrap().into_rgb8();
+        assert_eq!(decoded.as_raw(), canvas.rgb());
+    }
+
+    #[test]
+    fn a_touch_is_red_where_it_is() {
+        // frame 0 of the walk: the bump is to the right
+        let skin = disc(4);
+        let canvas = draw_sheet(walk(1, 64).view(), &skin, &small()).unwrap();
+        let red = ColorMap::CoolWarm.color(1.0);
+        let pixel = |x: usize, y: usize| {
+            let at = 3 * (y * canvas.size_px()[0] + x);
+            &canvas.rgb()[at..at + 3]
+        };
+        // panel of 400 points at (14, 14); its middle is the disc's, 0.05 m are about 92 points
+        assert_eq!(pixel(214 + 92, 214), red);
+        assert_eq!(pixel(214 - 92, 214), ColorMap::CoolWarm.color(0.5));
+    }
+
+    #[test]
+    fn values_that_are_none_are_hatched_or_left_white() {
+        let mut images = walk(1, 16);
+        images.fill(f64::NAN);
+        let mut skin = disc(4);
+        let hatched = count(&draw_sheet(images.view(), &skin, &small()).unwrap(), PALE);
+        assert!(hatched > 1000, "{hatched}");
+        skin.outlines_m.clear();
+        // an edge of a letter may happen to have that grey
+        let letters = count(&draw_sheet(images.view(), &skin, &small()).unwrap(), PALE);
+        assert!(letters < 50, "{letters}");
+    }
+
+    #[test]
+    fn odd_images_and_skins_still_make_a_picture() {
+        let extreme = [0.0, -0.0, 5e-324, 1e-300, f64::MAX, f64::MIN, f64::INFINITY, f64::NAN];
+        let slim = SkinDrawing {
+            outlines_m: vec![vec![[0.0, 0.0], [100.0, 0.0], [100.0, 1e-3], [0.0, 1e-3]]],
+            ..disc(0)
+        };
+        let mut empty = disc(0);
+        empty.outlines_m = vec![vec![], vec![[0.0; 2]], inner_box(0, [9.0, 9.0], 0.0).rim_m];
+        empty.electrodes = vec![inner_box(0, [0.0; 2], 0.0), inner_box(usize::MAX, [0.0; 2], 0.0)];
+        empty.electrodes[0].rim_m.clear();
+        for skin in [disc(16), slim, empty] {
+            for map in [ColorMap::CoolWarm, ColorMap::Viridis] {
+                for value in extreme {
+                    for (smooth, shape) in [(true, (1, 1, 1)), (false, (2, 1, 7))] {
+                        let mut images = ndarray::Array3::from_elem(shape, value);
+                        images[[0, 0, 0]] = extreme[shape.2];
+                        let long = "long ".repeat(99);
+                        let settings = PictureSettings {
+                            title: long.clone(),
+                            quantity: long.clone(),
+                            unit: long.clone(),
+                            labels: FrameLabels::Text(vec![long; shape.0]),
+                            map,
+                            smooth,
+                            ..small()
+                        };
+                        let [width, height] =
+                            draw_sheet(images.view(), &skin, &settings).unwrap().size_px();
+                        assert!(width.max(height) < 1200, "{width} x {height}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn input_that_does_not_fit_is_refused() {
+        let labels = FrameLabels::Text(vec!["one".into()]);
+        let error = |images: ndarray::Array3<f64>, labels: &FrameLabels| {
+            let settings = PictureSettings { labels: labels.clone(), ..small() };
+            draw_sheet(images.view(), &disc(4), &settings).unwrap_err().to_string()
+        };
+        assert!(error(walk(2, 4), &labels).contains("1 labels for 2 frames"));
+        let stopped = FrameLabels::Time { rate_hz: 0.0 };
+        assert!(error(walk(2, 4), &stopped).contains("frame rate 0 Hz"));
+        let none = ndarray::Array3::zeros((0, 4, 4));
+        assert!(error(none, &FrameLabels::Number).contains("[0, 4, 4]"));
+    }
+}

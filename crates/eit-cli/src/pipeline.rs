@@ -1,0 +1,212 @@
+//! From a scene to its stages: mesh, linearised forward model, reconstruction, raster.
+//!
+//! Each stage is built only where a command needs it.
+
+use crate::error::CliError;
+use crate::frames::Frames;
+use crate::progress::Progress;
+use crate::scene::{DifferenceKind, Hyperparameter, PriorKind, Rule, Scene};
+use eit_fem::{ForwardModel, Protocol, SolveReport};
+use eit_inverse::{
+    Chosen, Difference, DifferenceData, DifferenceSettings, Gaussian, GaussianSettings,
+    HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget, Noser, Prior, Tikhonov,
+};
+use eit_mesh::{Mesh, Raster};
+use ndarray::{Array1, Array2, Array3};
+
+/// Pixels along the longer side where the scene states none: a disc of 64 has 3 200 pixels, ten
+/// times more than 208 measurements can tell apart.
+pub(crate) const DEFAULT_PIXELS: usize = 64;
+
+/// Noise figure where the scene states nothing: the image is as noisy as the data.
+pub(crate) const DEFAULT_NOISE_FIGURE: f64 = 1.0;
+
+/// Mesh and protocol of a scene.
+pub(crate) struct Setup {
+    /// The skin.
+    pub mesh: Mesh,
+    /// Patterns, in data order.
+    pub protocol: Protocol,
+    /// Ready to solve.
+    pub model: ForwardModel,
+}
+
+/// The model linearised at the homogeneous background.
+pub(crate) struct Linearised {
+    /// Voltages of the background, volt.
+    pub voltages: Array1<f64>,
+    /// [measurement, element], volt per siemens.
+    pub jacobian: Array2<f64>,
+    /// How the solve went.
+    pub report: SolveReport,
+}
+
+/// A reconstruction ready for frames.
+pub(crate) struct Imaging {
+    /// On elements.
+    pub difference: Difference,
+    /// How the hyperparameter was chosen.
+    pub chosen: Chosen,
+    /// The rule in words.
+    pub rule: String,
+    /// Pixels of the pictures.
+    pub raster: Raster,
+    /// Plain or normalised.
+    pub kind: DifferenceKind,
+}
+
+/// Mesh, protocol and forward model of a scene; `mesh_file` and `nodes` override the scene's mesh.
+pub(crate) fn setup(
+    scene: &Scene,
+    mesh_file: Option<&std::path::Path>,
+    nodes: Option<usize>,
+    progress: &mut Progress,
+) -> Result<Setup, CliError> {
+    let wanted = match mesh_file {
+        Some(file) => crate::scene::SceneMesh::File(file.to_path_buf()),
+        None => scene.mesh(nodes)?,
+    };
+    // what needs no mesh is checked before one is made
+    if let Some(electrodes) = wanted.electrodes() {
+        scene.protocol(electrodes)?;
+        scene.contact_impedance(electrodes)?;
+    }
+    let mesh = progress.stage("mesh", || wanted.build())?;
+    let electrodes = mesh.electrodes().len();
+    if electrodes == 0 {
+        return Err(CliError::input("the mesh has no electrode: name physical lines electrode_1 .."));
+    }
+    let protocol = scene.protocol(electrodes)?;
+    let impedance = scene.contact_impedance(electrodes)?;
+    let model =
+        progress.stage("forward model", || ForwardModel::new(&mesh, &protocol, &impedance))?;
+    Ok(Setup { mesh, protocol, model })
+}
+
+/// Voltages and Jacobian of the homogeneous background.
+pub(crate) fn linearise(
+    scene: &Scene,
+    setup: &Setup,
+    progress: &mut Progress,
+) -> Result<Linearised, CliError> {
+    let background = vec![scene.skin.conductivity_s; setup.model.elements()];
+    progress.stage("forward and Jacobian", || {
+        let mut workspace = setup.model.workspace()?;
+        let mut solution = setup.model.solve(&background, &mut workspace)?;
+        Ok(Linearised {
+            voltages: solution.measurements(),
+            jacobian: solution.jacobian(),
+            report: solution.report(),
+        })
+    })
+}
+
+/// Plain or normalised difference: pairs are normalised, which cancels gains per channel; general
+/// patterns have voltages near zero, which cannot be divided by.
+pub(crate) fn difference_kind(scene: &Scene, protocol: &Protocol) -> DifferenceKind {
+    scene.reconstruction.difference.unwrap_or(match protocol.quadruples() {
+        Some(_) => DifferenceKind::Normalised,
+        None => DifferenceKind::Plain,
+    })
+}
+
+/// The scene's prior.
+fn prior(scene: &Scene, setup: &Setup) -> Result<Box<dyn Prior>, CliError> {
+    let surface = setup.mesh.surface();
+    let length = scene.reconstruction.correlation_length_m;
+    Ok(match scene.reconstruction.prior.unwrap_or(PriorKind::Laplace) {
+        PriorKind::Tikhonov => Box::new(Tikhonov::new(surface)),
+        PriorKind::Noser => Box::new(Noser::default()),
+        PriorKind::Laplace => {
+            let settings = LaplaceSettings { correlation_length_m: length };
+            Box::new(Laplace::new(surface, &settings)?)
+        }
+        PriorKind::Gaussian => {
+            Box::new(Gaussian::new(surface, &GaussianSettings { length_m: length })?)
+        }
+    })
+}
+
+/// Computes the reconstruction of a scene for frames.
+pub(crate) fn imaging(
+    scene: &Scene,
+    setup: &Setup,
+    linearised: &Linearised,
+    frames: &Frames,
+    progress: &mut Progress,
+) -> Result<Imaging, CliError> {
+    let kind = difference_kind(scene, &setup.protocol);
+    let (data, scales) = match kind {
+        DifferenceKind::Plain => (DifferenceData::Plain, None),
+        DifferenceKind::Normalised => {
+            let model_voltages_v = linearised.voltages.to_vec();
+            (DifferenceData::Normalised { model_voltages_v }, Some(&frames.reference))
+        }
+    };
+    // additive noise is a different fraction of each reference voltage
+    let noise_std = match (scene.noise.additive_v, scales) {
+        (Some(noise), Some(reference)) => Some(reference.iter().map(|v| noise / v.abs()).collect()),
+        _ => None,
+    };
+    let settings = DifferenceSettings {
+        data,
+        noise_std,
+        used: Some(frames.used.clone()),
+        ..Default::default()
+    };
+    let prior = prior(scene, setup)?;
+    let mut difference = progress.stage("reconstruction matrix", || {
+        Difference::new(&linearised.jacobian, prior.as_ref(), settings)
+    })?;
+    let (chosen, rule) = progress.stage("hyperparameter", || {
+        choose(scene, setup, linearised, frames, &mut difference)
+    })?;
+    let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
+    let raster = progress.stage("raster", || Raster::new(setup.mesh.surface(), pixels))?;
+    Ok(Imaging { difference, chosen, rule, raster, kind })
+}
+
+fn choose(
+    scene: &Scene,
+    setup: &Setup,
+    linearised: &Linearised,
+    frames: &Frames,
+    difference: &mut Difference,
+) -> Result<(Chosen, String), CliError> {
+    let keys = &scene.reconstruction;
+    let target;
+    let figure = keys.noise_figure.unwrap_or(DEFAULT_NOISE_FIGURE);
+    let default = Hyperparameter::Rule(Rule::NoiseFigure);
+    let (values, reference_frame) = (frames.values.view(), frames.reference.as_slice());
+    let (choice, words) = match keys.hyperparameter.as_ref().unwrap_or(&default) {
+        Hyperparameter::Value(value) => {
+            (HyperparameterChoice::Fixed(*value), "fixed by the scene".to_owned())
+        }
+        Hyperparameter::Rule(Rule::NoiseFigure) => {
+            target = NoiseTarget::central(setup.mesh.surface(), &linearised.jacobian)?;
+            let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
+            (choice, format!("noise figure {figure}"))
+        }
+        Hyperparameter::Rule(Rule::LCurve) => {
+            (HyperparameterChoice::LCurve { frames: values, reference_frame }, "L-curve".into())
+        }
+        Hyperparameter::Rule(Rule::Gcv) => (
+            HyperparameterChoice::Gcv { frames: values, reference_frame },
+            "generalised cross-validation".into(),
+        ),
+    };
+    Ok((difference.choose_hyperparameter(&choice)?, words))
+}
+
+impl Imaging {
+    /// Images [frame, row, column] in siemens, NaN outside the skin.
+    pub fn images(&self, frames: &Frames, progress: &mut Progress) -> Result<Array3<f64>, CliError> {
+        progress.stage("images", || {
+            let pixels = self
+                .difference
+                .on_raster(self.raster.pixel_from_element())?
+                .reconstruct_frames(frames.values.view(), &frames.reference)?;
+            Ok(self.raster.images_from_pixels(pixels.view())?)
+        })
+    }
+}

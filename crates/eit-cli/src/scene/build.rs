@@ -1,0 +1,254 @@
+//! From the scene's keys to the settings of the library crates.
+
+use super::{Direction, Driven, OneOrMany, Order, Scene, Shape};
+use crate::error::CliError;
+use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol, Protocol};
+use eit_mesh::{Mesh, MeshSettings, Placement, RimElectrodes, SkinShape};
+use std::path::Path;
+
+/// Drive current where the scene states none, ampere.
+const DEFAULT_CURRENT_A: f64 = 1e-4;
+
+/// How a scene's mesh comes about.
+pub(crate) enum SceneMesh {
+    /// Generated from a shape.
+    Generated { shape: SkinShape, electrodes: RimElectrodes, settings: MeshSettings },
+    /// Read from a Gmsh file.
+    File(std::path::PathBuf),
+}
+
+impl SceneMesh {
+    /// Number of electrodes, where it is known before meshing.
+    pub fn electrodes(&self) -> Option<usize> {
+        match self {
+            Self::Generated { electrodes, .. } => Some(electrodes.count()),
+            Self::File(_) => None,
+        }
+    }
+
+    /// Generates or reads the mesh.
+    pub fn build(&self) -> Result<Mesh, CliError> {
+        match self {
+            Self::Generated { shape, electrodes, settings } => {
+                Ok(eit_mesh::generate(shape, electrodes, settings)?)
+            }
+            Self::File(path) => Ok(eit_mesh::read_gmsh(path)?),
+        }
+    }
+}
+
+impl Scene {
+    /// The mesh this scene asks for, checked; `nodes` overrides its density.
+    pub fn mesh(&self, nodes: Option<usize>) -> Result<SceneMesh, CliError> {
+        let sigma = self.skin.conductivity_s;
+        if !(sigma.is_finite() && sigma > 0.0) {
+            let message = format!("skin.conductivity_s is {sigma}: it must be above zero");
+            return Err(CliError::input(message).within(&self.name));
+        }
+        if let Shape::Mesh = self.skin.shape {
+            let file = self.needed(self.skin.file.as_deref(), "skin.file", "shape = \"mesh\"")?;
+            return Ok(SceneMesh::File(self.resolve(file)));
+        }
+        let shape = self.shape()?;
+        let electrodes = self.rim_electrodes()?;
+        electrodes.validate(&shape.outline()?)?;
+        let default = MeshSettings::default();
+        let mut settings = MeshSettings {
+            edge_m: self.mesh.edge_m,
+            electrode_edge_m: self.mesh.electrode_edge_m,
+            grading: self.mesh.grading.unwrap_or(default.grading),
+            ..default
+        };
+        settings.validate()?;
+        if let Some(nodes) = nodes.or(self.mesh.nodes) {
+            settings = settings.for_nodes(&shape, &electrodes, nodes)?;
+        }
+        Ok(SceneMesh::Generated { shape, electrodes, settings })
+    }
+
+    fn shape(&self) -> Result<SkinShape, CliError> {
+        let skin = &self.skin;
+        Ok(match skin.shape {
+            Shape::Disc => {
+                let radius_m = self.needed(skin.radius_m, "skin.radius_m", "a disc")?;
+                SkinShape::Disc { radius_m }
+            }
+            Shape::Rectangle => SkinShape::Rectangle {
+                width_m: self.needed(skin.width_m, "skin.width_m", "a rectangle")?,
+                height_m: self.needed(skin.height_m, "skin.height_m", "a rectangle")?,
+            },
+            Shape::Polygon | Shape::Mesh => SkinShape::Polygon {
+                outline_m: self.needed(skin.outline.clone(), "skin.outline", "a polygon")?,
+                holes_m: skin.holes.clone(),
+            },
+        })
+    }
+
+    fn rim_electrodes(&self) -> Result<RimElectrodes, CliError> {
+        let keys = &self.electrodes;
+        let width_m = self.needed(keys.width_m, "electrodes.width_m", "electrodes")?;
+        let placement = match (&keys.positions_m, keys.count) {
+            (Some(positions), None) => Placement::At(positions.clone()),
+            (Some(positions), Some(count)) if count == positions.len() => {
+                Placement::At(positions.clone())
+            }
+            (Some(positions), Some(count)) => {
+                return Err(self.error(format!(
+                    "electrodes.count is {count}, but electrodes.positions_m has {} positions: \
+                     leave one out",
+                    positions.len()
+                )));
+            }
+            (None, _) => Placement::EquallySpaced {
+                count: self.needed(keys.count, "electrodes.count", "electrodes")?,
+                first_angle_deg: keys.first_angle_deg.unwrap_or(0.0),
+                direction: match keys.direction {
+                    Direction::Counterclockwise => eit_mesh::Direction::Counterclockwise,
+                    Direction::Clockwise => eit_mesh::Direction::Clockwise,
+                },
+            },
+        };
+        Ok(RimElectrodes { width_m, placement })
+    }
+
+    /// Contact impedance of each electrode.
+    pub fn contact_impedance(&self, electrodes: usize) -> Result<Vec<f64>, CliError> {
+        let key = "electrodes.contact_impedance_ohm_m";
+        let keys = self.electrodes.contact_impedance_ohm_m.as_ref();
+        match self.needed(keys, key, "the complete electrode model")? {
+            OneOrMany::One(z) => Ok(vec![*z; electrodes]),
+            OneOrMany::Many(values) if values.len() == electrodes => Ok(values.clone()),
+            OneOrMany::Many(values) => Err(self.error(format!(
+                "{key} has {} values for {electrodes} electrodes: give one number or one each",
+                values.len()
+            ))),
+        }
+    }
+
+    /// The protocol for a number of electrodes.
+    pub fn protocol(&self, electrodes: usize) -> Result<Protocol, CliError> {
+        let keys = &self.protocol;
+        let current_a = keys.current_a.unwrap_or(DEFAULT_CURRENT_A);
+        let ways = [
+            ("protocol.drive", keys.drive.is_some()),
+            ("protocol.pairs", keys.pairs.is_some()),
+            ("protocol.quadruples_file", keys.quadruples_file.is_some()),
+            ("protocol.stimulation_file", keys.stimulation_file.is_some()),
+        ];
+        let given: Vec<&str> = ways.iter().filter(|w| w.1).map(|w| w.0).collect();
+        if let [first, second, ..] = given[..] {
+            return Err(self.error(format!("{first} and {second} exclude each other: keep one")));
+        }
+        let found = if let Some(file) = &keys.quadruples_file {
+            let quadruples = self.quadruples(file)?;
+            Protocol::from_quadruples(electrodes, &quadruples, current_a)
+        } else if let Some(file) = &keys.stimulation_file {
+            return self.pattern_protocol(file, electrodes, current_a);
+        } else {
+            self.pair_protocol(electrodes)?.protocol()
+        };
+        found.map_err(|e| CliError::from(e).within(&self.name))
+    }
+
+    /// The scene's pair protocol, where it is one.
+    pub fn pair_protocol(&self, electrodes: usize) -> Result<PairProtocol, CliError> {
+        let keys = &self.protocol;
+        let drive = match &keys.pairs {
+            Some(pairs) => PairPattern::Pairs(pairs.clone()),
+            None => self.pattern("protocol.drive", keys.drive.as_deref())?,
+        };
+        Ok(PairProtocol {
+            electrodes,
+            drive,
+            measure: self.pattern("protocol.measure", keys.measure.as_deref())?,
+            driven_electrodes: match keys.driven_electrodes {
+                Driven::Drop => DrivenElectrodes::Drop,
+                Driven::Keep => DrivenElectrodes::Keep,
+            },
+            order: match keys.order {
+                Order::Rotated => eit_fem::Order::Rotated,
+                Order::Ascending => eit_fem::Order::Ascending,
+            },
+            current_a: keys.current_a.unwrap_or(DEFAULT_CURRENT_A),
+        })
+    }
+
+    fn pattern(&self, key: &str, text: Option<&str>) -> Result<PairPattern, CliError> {
+        match text {
+            None | Some("adjacent") => Ok(PairPattern::Adjacent),
+            Some("opposite") => Ok(PairPattern::Opposite),
+            Some(other) => match other.strip_prefix("skip-").map(str::parse) {
+                Some(Ok(between)) => Ok(PairPattern::Skip(between)),
+                _ => Err(self.error(format!(
+                    "{key} = \"{other}\" is none of \"adjacent\", \"opposite\", \"skip-N\" \
+                     (N electrodes between)"
+                ))),
+            },
+        }
+    }
+
+    fn quadruples(&self, file: &Path) -> Result<Vec<[u32; 4]>, CliError> {
+        let path = self.resolve(file);
+        let text = std::fs::read_to_string(&path)
+            .map_err(|e| CliError::input(format!("{}: {e}", path.display())))?;
+        let mut quadruples = Vec::new();
+        for (index, line) in text.lines().enumerate() {
+            let line = line.split('#').next().unwrap_or_default().trim();
+            if line.is_empty() {
+                continue;
+            }
+            let numbers: Result<Vec<u32>, _> = line.split(',').map(|n| n.trim().parse()).collect();
+            let Some(quadruple) = numbers.ok().and_then(|n| <[u32; 4]>::try_from(n).ok()) else {
+                let wanted = "four electrode indices a,b,m,n from 0";
+                let at = format!("{}: line {}", path.display(), index + 1);
+                return Err(CliError::input(format!("{at}: \"{line}\" is not {wanted}")));
+            };
+            quadruples.push(quadruple);
+        }
+        Ok(quadruples)
+    }
+
+    fn pattern_protocol(
+        &self,
+        stimulation: &Path,
+        electrodes: usize,
+        current_a: f64,
+    ) -> Result<Protocol, CliError> {
+        let measurement = self.needed(
+            self.protocol.measurement_file.as_deref(),
+            "protocol.measurement_file",
+            "protocol.stimulation_file",
+        )?;
+        let mut stimulation_matrix = read_patterns(&self.resolve(stimulation), electrodes)?;
+        let measurement_matrix = read_patterns(&self.resolve(measurement), electrodes)?;
+        for (file, matrix) in [(stimulation, &stimulation_matrix), (measurement, &measurement_matrix)]
+        {
+            if matrix.nrows() != electrodes {
+                return Err(CliError::input(format!(
+                    "{}: shape {:?}, but it must be [electrode, pattern] with {electrodes} \
+                     electrodes",
+                    self.resolve(file).display(),
+                    matrix.shape()
+                )));
+            }
+        }
+        stimulation_matrix *= current_a;
+        Ok(Protocol::from_patterns(stimulation_matrix.view(), measurement_matrix.view())?)
+    }
+
+    fn needed<T>(&self, value: Option<T>, key: &str, why: &str) -> Result<T, CliError> {
+        value.ok_or_else(|| self.error(format!("{key} is missing: {why} needs it")))
+    }
+
+    fn error(&self, message: String) -> CliError {
+        CliError::input(message).within(&self.name)
+    }
+}
+
+/// A pattern matrix [electrode, pattern] of any number type from an `.npy` file.
+fn read_patterns(path: &Path, electrodes: usize) -> Result<ndarray::Array2<f64>, CliError> {
+    let matrix = eit_hw::npy::read(path, &eit_hw::npy::NpyOptions::default())?.real;
+    // the reader takes one column for one frame: here it is one pattern
+    let one_pattern = matrix.dim() == (1, electrodes) && electrodes > 1;
+    Ok(if one_pattern { matrix.reversed_axes() } else { matrix })
+}

@@ -1,0 +1,300 @@
+//! The scene file: what skin, which electrodes, how it is driven, what is wanted.
+//!
+//! TOML to plain structs, then to the settings of the library crates. A scene is checked whole
+//! before any work. Relative paths are relative to the scene file.
+
+mod build;
+mod builtin;
+mod parse;
+
+pub(crate) use build::SceneMesh;
+pub(crate) use builtin::NAMES as BUILT_IN;
+
+use crate::error::CliError;
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+
+/// A scene as written; see `docs/SCENE.md` for every key.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Scene {
+    /// Shape and background of the skin.
+    pub skin: Skin,
+    /// Electrodes on its rim; a mesh file brings its own.
+    #[serde(default)]
+    pub electrodes: Electrodes,
+    /// Stimulation and measurement.
+    #[serde(default)]
+    pub protocol: ProtocolKeys,
+    /// Mesh density.
+    #[serde(default)]
+    pub mesh: MeshKeys,
+    /// Recorded frames.
+    #[serde(default)]
+    pub recording: Recording,
+    /// Images.
+    #[serde(default)]
+    pub reconstruction: Reconstruction,
+    /// Noise of the instrument.
+    #[serde(default)]
+    pub noise: Noise,
+    /// U-net; not in this version.
+    pub denoise: Option<toml::Table>,
+    /// Live instrument; not in this version.
+    pub instrument: Option<toml::Table>,
+    /// Name for titles: the file's stem or the built-in name.
+    #[serde(skip)]
+    pub name: String,
+    /// Folder that relative paths start from.
+    #[serde(skip)]
+    pub folder: PathBuf,
+}
+
+/// `[skin]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Skin {
+    pub shape: Shape,
+    pub radius_m: Option<f64>,
+    pub width_m: Option<f64>,
+    pub height_m: Option<f64>,
+    pub outline: Option<Vec<[f64; 2]>>,
+    #[serde(default)]
+    pub holes: Vec<Vec<[f64; 2]>>,
+    pub file: Option<PathBuf>,
+    pub conductivity_s: f64,
+}
+
+/// `skin.shape`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Shape {
+    Disc,
+    Rectangle,
+    Polygon,
+    Mesh,
+}
+
+/// `[electrodes]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Electrodes {
+    pub count: Option<usize>,
+    pub width_m: Option<f64>,
+    pub first_angle_deg: Option<f64>,
+    #[serde(default)]
+    pub direction: Direction,
+    pub contact_impedance_ohm_m: Option<OneOrMany>,
+    pub positions_m: Option<Vec<[f64; 2]>>,
+}
+
+/// `electrodes.direction`
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Direction {
+    #[default]
+    Counterclockwise,
+    Clockwise,
+}
+
+/// One value for all electrodes, or one for each.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged, expecting = "a number, or a list with one number per electrode")]
+pub(crate) enum OneOrMany {
+    One(f64),
+    Many(Vec<f64>),
+}
+
+/// `[protocol]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ProtocolKeys {
+    pub drive: Option<String>,
+    pub measure: Option<String>,
+    pub pairs: Option<Vec<[u32; 2]>>,
+    pub quadruples_file: Option<PathBuf>,
+    pub stimulation_file: Option<PathBuf>,
+    pub measurement_file: Option<PathBuf>,
+    #[serde(default)]
+    pub driven_electrodes: Driven,
+    #[serde(default)]
+    pub order: Order,
+    pub current_a: Option<f64>,
+    /// Set to false to reconstruct although the order of the data looks wrong.
+    pub check_order: Option<bool>,
+}
+
+/// `protocol.driven_electrodes`
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Driven {
+    #[default]
+    Drop,
+    Keep,
+}
+
+/// `protocol.order`
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Order {
+    #[default]
+    Rotated,
+    Ascending,
+}
+
+/// `[mesh]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MeshKeys {
+    pub edge_m: Option<f64>,
+    pub electrode_edge_m: Option<f64>,
+    pub grading: Option<f64>,
+    pub nodes: Option<usize>,
+}
+
+/// `[recording]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Recording {
+    pub file: Option<OneOrManyFiles>,
+    pub format: Option<String>,
+    pub frames_are: Option<FramesAre>,
+    #[serde(default)]
+    pub complex: bool,
+    #[serde(default)]
+    pub component: Component,
+    pub frequency_row: Option<usize>,
+    pub reference: Option<Reference>,
+    pub first_frame: Option<usize>,
+    pub frame_rate_hz: Option<f64>,
+}
+
+/// One file, or several whose frames follow each other.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged, expecting = "a file name, or a list of them")]
+pub(crate) enum OneOrManyFiles {
+    One(PathBuf),
+    Many(Vec<PathBuf>),
+}
+
+/// `recording.frames_are`: how a table holds frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum FramesAre {
+    /// One frame a row.
+    Rows,
+    /// One frame a column.
+    Columns,
+    /// The whole table is one frame, [measurement, pattern].
+    Matrix,
+}
+
+/// `recording.component`: which real number is taken of complex data.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum Component {
+    #[default]
+    Real,
+    Imaginary,
+    Magnitude,
+    Phased,
+}
+
+/// `recording.reference` or `--reference`: a frame number, "mean", "N..M" or a file.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(untagged, expecting = "a frame number, \"mean\", \"N..M\" or a file name")]
+pub(crate) enum Reference {
+    Frame(usize),
+    Text(String),
+}
+
+/// `[reconstruction]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Reconstruction {
+    pub method: Option<String>,
+    pub pixels: Option<usize>,
+    pub prior: Option<PriorKind>,
+    pub correlation_length_m: Option<f64>,
+    pub hyperparameter: Option<Hyperparameter>,
+    pub noise_figure: Option<f64>,
+    pub difference: Option<DifferenceKind>,
+}
+
+/// `reconstruction.prior`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum PriorKind {
+    Tikhonov,
+    Noser,
+    Laplace,
+    Gaussian,
+}
+
+/// `reconstruction.hyperparameter`: a number or a rule.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "a number, or one of \"noise-figure\", \"l-curve\", \"gcv\""
+)]
+pub(crate) enum Hyperparameter {
+    Value(f64),
+    Rule(Rule),
+}
+
+/// Rules that choose the hyperparameter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Rule {
+    NoiseFigure,
+    LCurve,
+    Gcv,
+}
+
+/// `reconstruction.difference`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum DifferenceKind {
+    Normalised,
+    Plain,
+}
+
+/// `[noise]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Noise {
+    pub additive_v: Option<f64>,
+}
+
+impl Scene {
+    /// Reads a scene file, or takes a built-in scene by its name.
+    pub fn load(name_or_path: &str) -> Result<Self, CliError> {
+        if let Some(text) = builtin::text(name_or_path) {
+            let mut scene = parse::parse(text, name_or_path)?;
+            scene.name = name_or_path.to_owned();
+            return Ok(scene);
+        }
+        let path = Path::new(name_or_path);
+        let bytes = std::fs::read(path).map_err(|e| {
+            CliError::input(format!(
+                "{name_or_path}: {e}; give a scene file (TOML) or a built-in scene: {}",
+                BUILT_IN.join(", ")
+            ))
+        })?;
+        let text = String::from_utf8(bytes).map_err(|e| {
+            CliError::input(format!(
+                "{name_or_path}: byte {}: not text; a scene file is TOML in UTF-8",
+                e.utf8_error().valid_up_to()
+            ))
+        })?;
+        let mut scene = parse::parse(&text, name_or_path)?;
+        scene.name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
+        scene.folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
+        Ok(scene)
+    }
+
+    /// A path of the scene as seen from the working folder.
+    pub fn resolve(&self, path: &Path) -> PathBuf {
+        self.folder.join(path)
+    }
+}

@@ -1,0 +1,109 @@
+//! One frame of measurements and the quality of each of them.
+
+use std::fmt;
+use std::ops::{BitOr, BitOrAssign};
+
+/// Electrodes `[a, b, m, n]` of one measurement, 0-based: current enters the skin at `a` and leaves
+/// it at `b`; value = potential at `m` minus potential at `n`.
+pub type Quadruple = [u32; 4];
+
+/// One full set of measurements, in the order of the scene's protocol.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Value of each measurement; its unit is that of the recording or instrument it came from.
+    pub values: Vec<f64>,
+    /// Quality of each measurement, as long as `values`.
+    pub quality: Vec<Quality>,
+    /// Number of the frame since the start of the recording or stream, from 0; holes are frames
+    /// that were lost.
+    pub sequence: u64,
+    /// Number of the connection, from 0: it rises when an instrument was lost and found again, and
+    /// a reference frame of another epoch no longer holds.
+    pub epoch: u32,
+    /// The instrument's own time in seconds since its first frame.
+    pub device_time_s: Option<f64>,
+    /// This computer's time in seconds since its first frame.
+    pub host_time_s: Option<f64>,
+}
+
+/// Flags that say what is wrong with one measurement; none set means good.
+///
+/// ```
+/// use eit_hw::Quality;
+/// let quality = Quality::SATURATED | Quality::OPEN;
+/// assert!(quality.contains(Quality::OPEN) && !quality.is_good());
+/// assert_eq!(quality.to_string(), "saturated, open");
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Quality(u8);
+
+impl Quality {
+    /// Nothing wrong.
+    pub const GOOD: Self = Self(0);
+    /// The converter or amplifier was at its limit.
+    pub const SATURATED: Self = Self(1);
+    /// The value does not change although others do.
+    pub const STUCK: Self = Self(1 << 1);
+    /// An electrode of the measurement is not connected.
+    pub const OPEN: Self = Self(1 << 2);
+    /// The value is larger than the instrument can measure.
+    pub const OVER_RANGE: Self = Self(1 << 3);
+    /// The value is NaN or infinite.
+    pub const NON_FINITE: Self = Self(1 << 4);
+    /// The value was not received.
+    pub const MISSING: Self = Self(1 << 5);
+
+    const NAMES: [(Self, &str); 6] = [
+        (Self::SATURATED, "saturated"),
+        (Self::STUCK, "stuck"),
+        (Self::OPEN, "open"),
+        (Self::OVER_RANGE, "over range"),
+        (Self::NON_FINITE, "non-finite"),
+        (Self::MISSING, "missing"),
+    ];
+
+    /// Whether no flag is set.
+    pub const fn is_good(self) -> bool {
+        self.0 == 0
+    }
+
+    /// Whether every flag of `other` is set.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// The flags as bits: saturated 1, stuck 2, open 4, over range 8, non-finite 16, missing 32.
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+}
+
+impl BitOr for Quality {
+    type Output = Self;
+
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+impl BitOrAssign for Quality {
+    fn bitor_assign(&mut self, other: Self) {
+        self.0 |= other.0;
+    }
+}
+
+impl fmt::Display for Quality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_good() {
+            return f.write_str("good");
+        }
+        let mut separator = "";
+        for (flag, name) in Self::NAMES {
+            if self.contains(flag) {
+                write!(f, "{separator}{name}")?;
+                separator = ", ";
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,17 @@
+#![doc = include_str!("../README.md")]
+
+mod error;
+mod frame;
+mod health;
+mod readers;
+mod recording;
+
+pub use error::{At, HwError, Place};
+pub use frame::{Frame, Quadruple, Quality};
+pub use health::{OrderCandidate, OrderVerdict, reciprocity_error, recognise_order};
+pub use readers::{Format, ReadOptions, read_recording};
+pub use readers::{csv, goe, khu, lct, npy, sciospec, serial_log};
+pub use recording::{
+    Component, CountHint, Layout, MeasuredFrames, Note, Recording, SkipReason, Skipped,
+    SkippedFrame, Unit,
+};

@@ -1,0 +1,103 @@
+//! Goe-MF II (also MCEIT, Viasys) `.get`: 16 electrodes, adjacent drive and measurement.
+//!
+//! No header; a frame is 256 little-endian f32. The first 208 are voltages: drive d = (d, d+1),
+//! then the measured pairs (d+2+k, d+3+k) mod 16 for k = 0 to 12 ("rotated" order). The other 48
+//! (drive voltages and currents, offsets) are not read: sources disagree on their order and scale,
+//! so the voltages have no known scale either and their unit is [`Unit::Arbitrary`].
+//!
+//! Some instruments measure one of each reciprocal pair and leave the other 0; those are filled.
+
+use std::path::Path;
+
+use super::{Format, file_bytes, table};
+use crate::error::{At, HwError, Place};
+use crate::recording::{Layout, Note, Recording, SkipReason, Skipped, Unit};
+
+const ELECTRODES: usize = 16;
+/// Measured pairs of a drive: those without a driven electrode.
+const PAIRS: usize = ELECTRODES - 3;
+const MEASUREMENTS: usize = ELECTRODES * PAIRS;
+const FRAME_BYTES: usize = 256 * 4;
+/// No voltage of a converter, in any unit, is beyond: it is a sign of another file.
+const LARGEST: f64 = 1e6;
+
+/// Reads a `.get` file.
+///
+/// # Errors
+/// [`HwError`], see [`parse`], and where the file cannot be read.
+pub fn read(path: &Path) -> Result<Recording, HwError> {
+    parse(&file_bytes(path, Format::Goe.name())?, path)
+}
+
+/// Frames of a `.get` file with this content; `path` is for messages.
+///
+/// The layout is [`Layout::AsScene`] with 208 values. Bytes after the last whole frame are counted
+/// as one skipped frame.
+///
+/// # Errors
+/// [`HwError`] for an empty or text file, a Draeger file, less than one frame, and a value that is
+/// NaN, infinite or no voltage.
+pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
+    if bytes.is_empty() {
+        return Err(HwError::Empty { place: Place::file(path) });
+    }
+    if bytes.starts_with(b"---Draeger") {
+        return Err(HwError::Unsupported { place: Place::file(path), format: "Draeger" });
+    }
+    let is_text = |byte: &u8| matches!(byte, b' '..=b'~' | b'\t' | b'\n' | b'\r');
+    if bytes.iter().take(FRAME_BYTES).all(is_text) {
+        let format = Format::Goe.name();
+        return Err(HwError::NotBinary { place: Place::file(path), format });
+    }
+    let (frames, rest) = bytes.as_chunks::<FRAME_BYTES>();
+    let mut skipped = Skipped::default();
+    if !rest.is_empty() {
+        let reason = SkipReason::Bytes { found: rest.len(), wanted: FRAME_BYTES };
+        skipped.add(1, At::Byte(frames.len() * FRAME_BYTES), reason);
+    }
+    let mut values = Vec::with_capacity(frames.len() * MEASUREMENTS);
+    for (frame, bytes) in frames.iter().enumerate() {
+        let (floats, _) = bytes.as_chunks::<4>();
+        for (measurement, &float) in floats.iter().take(MEASUREMENTS).enumerate() {
+            let value = f64::from(f32::from_le_bytes(float));
+            let place = || Place::byte(path, frame * FRAME_BYTES + measurement * 4);
+            if !value.is_finite() {
+                return Err(HwError::NonFinite { place: place(), frame, measurement, value });
+            }
+            if value.abs() > LARGEST {
+                return Err(HwError::Implausible { place: place(), value, format: "Goe-MF II" });
+            }
+            values.push(value);
+        }
+    }
+    let filled = fill_by_reciprocity(&mut values);
+    let real = table::frames(values, MEASUREMENTS, path, skipped.frames)?;
+    let mut recording =
+        Recording::new(real, None, Layout::AsScene, Unit::Arbitrary, Format::Goe, path);
+    recording.skipped = skipped;
+    if filled {
+        recording.notes.push(Note::FilledByReciprocity { values: MEASUREMENTS / 2 });
+    }
+    Ok(recording)
+}
+
+/// Fills the half of each frame that is 0 in all of them: the measured pairs that start before
+/// the drive. Whether there was such a half.
+fn fill_by_reciprocity(values: &mut [f64]) -> bool {
+    let pair_of = |slot: usize| (slot / PAIRS + 2 + slot % PAIRS) % ELECTRODES;
+    let is_empty = |slot: usize| pair_of(slot) < slot / PAIRS;
+    let (frames, _) = values.as_chunks_mut::<MEASUREMENTS>();
+    let zero = |slot: usize| frames.iter().all(|frame| frame[slot] == 0.0);
+    let half = (0..MEASUREMENTS).all(|slot| !is_empty(slot) || zero(slot));
+    if !half || (0..MEASUREMENTS).all(zero) {
+        return false;
+    }
+    for frame in frames {
+        for slot in (0..MEASUREMENTS).filter(|&slot| is_empty(slot)) {
+            // drive s and measured pair d instead of drive d and measured pair s = d + 2 + k:
+            // d = s + 2 + (12 - k) mod 16
+            frame[slot] = frame[PAIRS * pair_of(slot) + PAIRS - 1 - slot % PAIRS];
+        }
+    }
+    true
+}

@@ -1,0 +1,138 @@
+//! `ProjectionTableSendLog.txt`.
+
+use std::path::Path;
+
+use crate::error::{HwError, Place, shortened};
+use crate::frame::Quadruple;
+use crate::readers::text;
+
+/// Gain per step of the digital code: 40 / 200.
+const GAIN_PER_CODE: f64 = 0.2;
+
+const SOURCE: u64 = 2;
+const SINK: u64 = 3;
+
+/// Which electrodes and which gain each record of a scan has.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProjectionTable {
+    /// Channels of the instrument.
+    pub channels: usize,
+    /// Quadruple of each record, [projection, channel] flattened.
+    pub quadruples: Vec<Quadruple>,
+    /// Voltage gain of each record.
+    pub gains: Vec<f64>,
+}
+
+/// One row of the table.
+struct Row {
+    line: usize,
+    projection: u64,
+    channel: u64,
+    role: u64,
+    code: u64,
+}
+
+impl ProjectionTable {
+    /// The table of a file with this content; `path` is for messages.
+    ///
+    /// # Errors
+    /// [`HwError`] for an empty or binary file, a row with less than its columns or a field that is
+    /// no whole number, a gain code outside 1 to 255, a projection without all channels in order or
+    /// without exactly one source and one sink.
+    pub fn parse(bytes: &[u8], path: &Path) -> Result<Self, HwError> {
+        let content = text::decode(bytes, path)?;
+        let mut rows = Vec::new();
+        for (line, content) in text::lines(content) {
+            if !content.trim().is_empty() && !content.starts_with("ProjIndex") {
+                rows.push(row(content, line, path)?);
+            }
+        }
+        let channels = rows.iter().take_while(|row| row.projection == 0).count();
+        if channels == 0 {
+            return Err(HwError::NoFrames { place: Place::file(path), skipped: 0 });
+        }
+        let mut quadruples = Vec::with_capacity(rows.len());
+        let mut gains = Vec::with_capacity(rows.len());
+        for (projection, rows) in rows.chunks(channels).enumerate() {
+            let [source, sink] = drive(rows, projection, channels, path)?;
+            for (channel, row) in (0_u32..).zip(rows) {
+                let before = channel.checked_sub(1).unwrap_or(last_of(channels));
+                quadruples.push([source, sink, before, channel]);
+                gains.push(row.code as f64 * GAIN_PER_CODE);
+            }
+        }
+        Ok(Self { channels, quadruples, gains })
+    }
+}
+
+/// The last channel; more than `u32` of rows do not fit a file of that many lines in memory.
+fn last_of(channels: usize) -> u32 {
+    u32::try_from(channels - 1).unwrap_or(u32::MAX)
+}
+
+/// Source and sink of the rows of one projection.
+fn drive(
+    rows: &[Row],
+    projection: usize,
+    channels: usize,
+    path: &Path,
+) -> Result<[u32; 2], HwError> {
+    let line = rows.first().map_or(1, |row| row.line);
+    let count = |what, found, wanted| HwError::Count {
+        place: Place::line(path, line),
+        what,
+        found,
+        wanted,
+        mend: "of this projection: copy the table anew from the instrument's folder",
+    };
+    let in_order = rows
+        .iter()
+        .zip(0..)
+        .take_while(|(row, channel)| row.projection == projection as u64 && row.channel == *channel)
+        .count();
+    if in_order != channels || rows.len() != channels {
+        return Err(count("channels in order", in_order, channels));
+    }
+    let with_role = |role| {
+        let mut found = (0_u32..).zip(rows).filter(|(_, row)| row.role == role);
+        (found.next().map(|(channel, _)| channel), found.count())
+    };
+    match (with_role(SOURCE), with_role(SINK)) {
+        ((Some(source), 0), (Some(sink), 0)) => Ok([source, sink]),
+        ((None, _), _) => Err(count("sources (ChInfo 2)", 0, 1)),
+        ((_, 1..), _) => Err(count("sources (ChInfo 2)", with_role(SOURCE).1 + 1, 1)),
+        (_, (None, _)) => Err(count("sinks (ChInfo 3)", 0, 1)),
+        (_, (_, more)) => Err(count("sinks (ChInfo 3)", more + 1, 1)),
+    }
+}
+
+fn row(content: &str, line: usize, path: &Path) -> Result<Row, HwError> {
+    let mut fields = content.split_whitespace();
+    let mut next = |skipped: usize, field| {
+        let text = fields.nth(skipped).unwrap_or_default();
+        text.parse::<u64>().map_err(|_| wrong(line, path, field, text, "a whole number"))
+    };
+    let row = Row {
+        line,
+        projection: next(0, "ProjIndex")?,
+        channel: next(0, "Ch")?,
+        role: next(1, "ChInfo")?,
+        code: next(5, "Gain1")?,
+    };
+    if (1..=255).contains(&row.code) {
+        Ok(row)
+    } else {
+        Err(wrong(line, path, "Gain1", &row.code.to_string(), "a code from 1 to 255"))
+    }
+}
+
+fn wrong(
+    line: usize,
+    path: &Path,
+    field: &'static str,
+    text: &str,
+    wanted: &'static str,
+) -> HwError {
+    let mend = "copy the table anew from the instrument's folder";
+    HwError::Field { place: Place::line(path, line), field, text: shortened(text), wanted, mend }
+}

@@ -1,0 +1,157 @@
+//! LCT text of the University of Manchester: one frame a file.
+//!
+//! Header lines start with `#`; the last is `#Start`. Then a row `Vr Vi I` per measurement: real
+//! and imaginary voltage and the current, of which the value (Vr + i Vi) / I in ohm is taken, since
+//! the instrument drives a voltage and its current differs between drives. Some files repeat the
+//! last row; it is left out with a note. Order: per drive the measured pairs ascending.
+
+use std::path::Path;
+
+use super::{Format, file_bytes, table, text};
+use crate::error::{HwError, Place, shortened};
+use crate::recording::{Layout, Note, Recording, Unit};
+
+const MEND: &str = "export the file anew";
+
+/// Reads an LCT file.
+///
+/// # Errors
+/// [`HwError`], see [`parse`], and where the file cannot be read.
+pub fn read(path: &Path) -> Result<Recording, HwError> {
+    parse(&file_bytes(path, Format::Lct.name())?, path)
+}
+
+/// The frame of an LCT file with this content; `path` is for messages.
+///
+/// The layout is [`Layout::AsScene`], complex, in [`Unit::Ohm`].
+///
+/// # Errors
+/// [`HwError`] for an empty or binary file, a header without `#MEAS`, `Length`, `Electrodes` and
+/// `Operating_Frequency` or with numbers that do not fit each other, a row that is not three finite
+/// numbers, a current of 0, and another number of rows than `Length`.
+pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
+    let content = text::decode(bytes, path)?;
+    if !content.starts_with("#MEAS") {
+        let text = shortened(content.lines().next().unwrap_or_default());
+        return Err(field(path, 1, "first line", &text, "`#MEAS`"));
+    }
+    let header = Header::parse(content, path)?;
+    let mut rows: Vec<(usize, [f64; 3])> = Vec::new();
+    for (line, content) in text::lines(content) {
+        if !content.starts_with('#') && !content.trim().is_empty() {
+            rows.push((line, text::numbers(content, line, path, MEND)?));
+        }
+    }
+    text::require_end(content, path)?;
+    let mut notes = Vec::new();
+    if rows.len().checked_sub(1) == Some(header.length)
+        && let [.., (_, before), (line, last)] = rows[..]
+        && before == last
+    {
+        notes.push(Note::RepeatedLastRow { line });
+        rows.pop();
+    }
+    if rows.len() != header.length {
+        return Err(HwError::Count {
+            place: Place::file(path),
+            what: "rows",
+            found: rows.len(),
+            wanted: header.length,
+            mend: "the header's `Length` says so: export the file anew",
+        });
+    }
+    let (mut real, mut imaginary) = (Vec::new(), Vec::new());
+    for (measurement, (line, row)) in rows.into_iter().enumerate() {
+        let [x, y] = impedance(row, Place::line(path, line), measurement)?;
+        real.push(x);
+        imaginary.push(y);
+    }
+    let real = table::frames(real, header.length, path, 0)?;
+    let imaginary = table::frames(imaginary, header.length, path, 0)?;
+    let mut recording =
+        Recording::new(real, Some(imaginary), Layout::AsScene, Unit::Ohm, Format::Lct, path);
+    recording.frequency_hz = Some(header.frequency_hz);
+    recording.notes = notes;
+    Ok(recording)
+}
+
+/// (Vr + i Vi) / I of one row.
+fn impedance(row: [f64; 3], place: Place, measurement: usize) -> Result<[f64; 2], HwError> {
+    let [vr, vi, current] = row;
+    if current == 0.0 {
+        return Err(HwError::ZeroCurrent { place });
+    }
+    let quotient = [vr / current, vi / current];
+    match row.into_iter().chain(quotient).find(|value| !value.is_finite()) {
+        Some(value) => Err(HwError::NonFinite { place, frame: 0, measurement, value }),
+        None => Ok(quotient),
+    }
+}
+
+struct Header {
+    length: usize,
+    frequency_hz: f64,
+}
+
+impl Header {
+    fn parse(content: &str, path: &Path) -> Result<Self, HwError> {
+        let (mut length, mut electrodes, mut frequency_hz) = (None, None, None);
+        let mut adjacent = false;
+        for (line, content) in text::lines(content) {
+            let Some(content) = content.strip_prefix('#') else { continue };
+            if let Some(text) = value_of(content, "Length") {
+                let whole = || field(path, line, "Length", text, "a whole number");
+                length = Some(text.parse().map_err(|_| whole())?);
+            } else if let Some(text) = value_of(content, "Electrodes") {
+                let whole = || field(path, line, "Electrodes", text, "a whole number from 4");
+                let count = text.parse::<usize>().ok().filter(|&count| count >= 4);
+                electrodes = Some((line, count.ok_or_else(whole)?));
+            } else if let Some(text) = value_of(content, "Operating_Frequency") {
+                let hertz = hertz(text)
+                    .ok_or_else(|| field(path, line, "Operating_Frequency", text, "`10 , KHz`"))?;
+                frequency_hz = Some(hertz);
+            } else if let Some(text) = value_of(content, "Strategy") {
+                adjacent = text.starts_with("Adjacent");
+            }
+        }
+        let missing = |name| field(path, 1, name, "missing", "a header line of that name");
+        let length: usize = length.ok_or_else(|| missing("Length"))?;
+        let (line, electrodes) = electrodes.ok_or_else(|| missing("Electrodes"))?;
+        if adjacent && electrodes.checked_mul(electrodes - 3) != Some(length) {
+            let text = format!("{electrodes} with Length {length}");
+            return Err(field(path, line, "Electrodes", &text, "Length = n (n - 3)"));
+        }
+        let frequency_hz = frequency_hz.ok_or_else(|| missing("Operating_Frequency"))?;
+        Ok(Self { length, frequency_hz })
+    }
+}
+
+/// What follows `name` and an optional comma.
+fn value_of<'a>(content: &'a str, name: &str) -> Option<&'a str> {
+    let rest = content.strip_prefix(name)?;
+    rest.starts_with([',', ' ']).then(|| rest.trim_start_matches([',', ' ']).trim_end())
+}
+
+/// `10 , KHz` in hertz.
+fn hertz(text: &str) -> Option<f64> {
+    let (number, unit) = text.split_once(',')?;
+    let scale = match unit.trim() {
+        "Hz" => 1.0,
+        "KHz" | "kHz" => 1e3,
+        "MHz" => 1e6,
+        _ => return None,
+    };
+    let hertz = scale * number.trim().parse::<f64>().ok()?;
+    (hertz.is_finite() && hertz >= 0.0).then_some(hertz)
+}
+
+fn field(
+    path: &Path,
+    line: usize,
+    field: &'static str,
+    text: &str,
+    wanted: &'static str,
+) -> HwError {
+    let place = Place::line(path, line);
+    HwError::Field { place, field, text: shortened(text), wanted, mend: MEND }
+}

@@ -1,0 +1,73 @@
+//! Which format a file or folder has, by content first and by ending where content says nothing.
+
+use std::path::Path;
+
+use super::serial_log::{self, SerialLogOptions};
+use super::{Format, file_names, khu, npy, text};
+use crate::error::{HwError, Place};
+
+/// The format of a folder.
+pub(super) fn folder(path: &Path) -> Result<Format, HwError> {
+    let names = file_names(path)?;
+    let sciospec = names.iter().any(|name| name.to_lowercase().ends_with(".eit"));
+    let khu = names.iter().any(|name| name == khu::TABLE_NAME || khu::scan_number(name).is_some());
+    match (sciospec, khu) {
+        (true, false) => Ok(Format::Sciospec),
+        (false, true) => Ok(Format::Khu),
+        (true, true) => Err(ambiguous(path, Format::Sciospec, Format::Khu)),
+        (false, false) => Err(unrecognised(path)),
+    }
+}
+
+/// The format of a file with this content.
+pub(super) fn file(
+    bytes: &[u8],
+    path: &Path,
+    log_options: &SerialLogOptions,
+) -> Result<Format, HwError> {
+    if bytes.is_empty() {
+        return Err(HwError::Empty { place: Place::file(path) });
+    }
+    if bytes.starts_with(npy::MAGIC) {
+        return Ok(Format::Npy);
+    }
+    if bytes.starts_with(b"#MEAS") {
+        return Ok(Format::Lct);
+    }
+    if let Some(name) = path.file_name().and_then(|name| name.to_str())
+        && khu::scan_number(name).is_some()
+    {
+        return Err(HwError::NotAFolder { place: Place::file(path), format: Format::Khu.name() });
+    }
+    let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+    match ending.as_deref() {
+        Some("eit") => return Ok(Format::Sciospec),
+        Some("get") => return Ok(Format::Goe),
+        Some("npy") => return Ok(Format::Npy),
+        Some("csv") => return Ok(Format::Csv),
+        _ => {}
+    }
+    let mut lines = bytes.split(|&byte| byte == b'\n').map(<[u8]>::trim_ascii);
+    if lines.any(serial_log::is_mark) {
+        return Ok(Format::SerialLog);
+    }
+    let Ok(content) = text::decode(bytes, path) else { return Err(unrecognised(path)) };
+    if serial_log::looks_like_unmarked(content, log_options) {
+        return Err(ambiguous(path, Format::Csv, Format::SerialLog));
+    }
+    // anything that starts with numbers; the reader says what is wrong further on
+    let numbers = text::lines(content)
+        .map(|(_, line)| line.split('#').next().unwrap_or_default().trim())
+        .filter(|line| !line.is_empty())
+        .take(2)
+        .any(|line| super::csv::first_field(line).parse::<f64>().is_ok());
+    if numbers { Ok(Format::Csv) } else { Err(unrecognised(path)) }
+}
+
+fn unrecognised(path: &Path) -> HwError {
+    HwError::Unrecognised { place: Place::file(path), known: Format::known() }
+}
+
+fn ambiguous(path: &Path, one: Format, other: Format) -> HwError {
+    HwError::Ambiguous { place: Place::file(path), one: one.name(), other: other.name() }
+}

@@ -1,0 +1,169 @@
+//! Sciospec `.eit` text frames: one file a frame, one folder a recording.
+//!
+//! The first line is the number of header lines, itself included. Then, for each drive, a line
+//! `a b` (channels from 1) and, for each frequency, a line of real and imaginary parts of the
+//! potentials of all channels of the device in volt. The header's `MeasurementChannels` says which
+//! channels are electrodes; they are numbered in its order. Current enters at the channel named
+//! first: in the vendor's recording its potential is positive and that of the other negative.
+
+mod frame;
+mod header;
+
+use std::collections::HashSet;
+use std::path::Path;
+
+use super::{Format, file_bytes, file_names, missing_numbers, table};
+use crate::error::{HwError, Place, shortened};
+use crate::recording::{Layout, Note, Recording, Unit};
+use frame::EitFrame;
+
+/// What to read of a Sciospec recording.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SciospecOptions {
+    /// Which of the frequencies, from 0.
+    pub frequency_row: usize,
+}
+
+/// Reads a folder of `.eit` files in the order of the numbers that end their names, or one file.
+///
+/// The layout is [`Layout::Potentials`], complex, in [`Unit::Volt`].
+///
+/// # Errors
+/// [`HwError`], see [`parse`]; where a file cannot be read, a name has no number, two recordings
+/// share the folder, or a frame has other drives or channels than the first.
+pub fn read(path: &Path, options: &SciospecOptions) -> Result<Recording, HwError> {
+    if !path.is_dir() {
+        return parse(&file_bytes(path, Format::Sciospec.name())?, path, options);
+    }
+    let files = numbered_files(path)?;
+    let mut frames = Frames::default();
+    for (_, name) in &files {
+        let path = path.join(name);
+        let bytes = file_bytes(&path, Format::Sciospec.name())?;
+        frames.push(EitFrame::parse(&bytes, &path, *options)?, &path)?;
+    }
+    let mut recording = frames.finish(path)?;
+    recording.notes.extend(missing_numbers(files.iter().map(|(number, _)| *number)));
+    Ok(recording)
+}
+
+/// The frame of one `.eit` file with this content; `path` is for messages.
+///
+/// # Errors
+/// [`HwError`] for an empty or binary file, an `.eit` of another maker, a header that does not hold
+/// what it should, a drive line without its channels, a line of another number of values than the
+/// first, a value that is no finite number, a frequency row that is not there, and a file that ends
+/// within a drive.
+pub fn parse(bytes: &[u8], path: &Path, options: &SciospecOptions) -> Result<Recording, HwError> {
+    let mut frames = Frames::default();
+    frames.push(EitFrame::parse(bytes, path, *options)?, path)?;
+    frames.finish(path)
+}
+
+/// Number and name of each `.eit` file of one recording, by number.
+fn numbered_files(folder: &Path) -> Result<Vec<(u64, String)>, HwError> {
+    let mut files: Vec<(u64, String)> = Vec::new();
+    let mut recording: Option<String> = None;
+    for name in file_names(folder)? {
+        let Some(stem) = name.to_lowercase().strip_suffix(".eit").map(str::to_owned) else {
+            continue;
+        };
+        let base = stem.trim_end_matches(|character: char| character.is_ascii_digit());
+        let Ok(number) = stem[base.len()..].parse() else {
+            return Err(HwError::Field {
+                place: Place::file(&folder.join(&name)),
+                field: "file name",
+                text: shortened(&name),
+                wanted: "a frame number before `.eit`",
+                mend: "rename the file or move it away",
+            });
+        };
+        match &recording {
+            Some(one) if one != base => {
+                let (one, other) = (one.clone(), base.to_owned());
+                return Err(HwError::TwoRecordings { place: Place::file(folder), one, other });
+            }
+            Some(_) => {}
+            None => recording = Some(base.to_owned()),
+        }
+        files.push((number, name));
+    }
+    if files.is_empty() {
+        let (place, format) = (Place::file(folder), Format::Sciospec.name());
+        return Err(HwError::MissingFile { place, name: "NAME_00001.eit", format });
+    }
+    files.sort();
+    Ok(files)
+}
+
+/// Frames of one recording, each with the drives and channels of the first.
+#[derive(Default)]
+struct Frames {
+    first: Option<EitFrame>,
+    real: Vec<f64>,
+    imaginary: Vec<f64>,
+    /// Milliseconds of the header's date, while every file has one.
+    times_ms: Option<Vec<i64>>,
+}
+
+impl Frames {
+    fn push(&mut self, mut frame: EitFrame, path: &Path) -> Result<(), HwError> {
+        self.real.append(&mut frame.real);
+        self.imaginary.append(&mut frame.imaginary);
+        let Some(first) = &self.first else {
+            self.times_ms = frame.time_ms.map(|time| vec![time]);
+            self.first = Some(frame);
+            return Ok(());
+        };
+        let differs = |what, found, wanted| HwError::Count {
+            place: Place::file(path),
+            what,
+            found,
+            wanted,
+            mend: "every frame must be like the first: move this file away",
+        };
+        if frame.electrodes != first.electrodes {
+            return Err(differs("electrodes", frame.electrodes, first.electrodes));
+        }
+        if frame.drives != first.drives {
+            let same = frame.drives.iter().zip(&first.drives).filter(|(a, b)| a == b).count();
+            return Err(differs("drives like those of the first frame", same, first.drives.len()));
+        }
+        self.times_ms = self.times_ms.take().zip(frame.time_ms).map(|(mut times, time)| {
+            times.push(time);
+            times
+        });
+        Ok(())
+    }
+
+    fn finish(self, path: &Path) -> Result<Recording, HwError> {
+        let Some(EitFrame { drives, electrodes, frequency_hz, current_a, .. }) = self.first else {
+            return Err(HwError::NoFrames { place: Place::file(path), skipped: 0 });
+        };
+        let values = drives.len() * electrodes;
+        let real = table::frames(self.real, values, path, 0)?;
+        let imaginary = table::frames(self.imaginary, values, path, 0)?;
+        let repeated = repeated(&drives);
+        let layout = Layout::Potentials { drives, electrodes };
+        let mut recording =
+            Recording::new(real, Some(imaginary), layout, Unit::Volt, Format::Sciospec, path);
+        recording.device_time_s = self.times_ms.map(|times| {
+            let start = times.first().copied().unwrap_or_default();
+            times.iter().map(|time| (time - start) as f64 * 1e-3).collect()
+        });
+        recording.frequency_hz = Some(frequency_hz);
+        recording.current_a = Some(current_a);
+        recording.notes = repeated;
+        Ok(recording)
+    }
+}
+
+/// A note for each drive that occurs again.
+fn repeated(drives: &[[u32; 2]]) -> Vec<Note> {
+    let mut seen = HashSet::with_capacity(drives.len());
+    drives
+        .iter()
+        .filter(|&&drive| !seen.insert(drive))
+        .map(|&[a, b]| Note::RepeatedDrive { a, b })
+        .collect()
+}

@@ -1,0 +1,206 @@
+//! One `.eit` file.
+
+use std::path::Path;
+
+use super::SciospecOptions;
+use super::header::Header;
+use crate::error::{HwError, Place, shortened};
+use crate::readers::text;
+
+/// Potentials of one frame at one frequency.
+#[derive(Debug)]
+pub(super) struct EitFrame {
+    /// Electrodes (from 0) where current enters and leaves.
+    pub(super) drives: Vec<[u32; 2]>,
+    pub(super) electrodes: usize,
+    /// [drive, electrode], volt.
+    pub(super) real: Vec<f64>,
+    pub(super) imaginary: Vec<f64>,
+    pub(super) time_ms: Option<i64>,
+    pub(super) frequency_hz: f64,
+    pub(super) current_a: f64,
+}
+
+impl EitFrame {
+    pub(super) fn parse(
+        bytes: &[u8],
+        path: &Path,
+        options: SciospecOptions,
+    ) -> Result<Self, HwError> {
+        refuse_other_makers(bytes, path)?;
+        let content = text::decode(bytes, path)?;
+        let lines: Vec<_> = text::lines(content).collect();
+        let header = Header::parse(&lines, path)?;
+        let rows = header.frequencies;
+        if options.frequency_row >= rows {
+            let (place, row) = (Place::file(path), options.frequency_row);
+            return Err(HwError::FrequencyRow { place, row, rows });
+        }
+        let mut body: Vec<_> = lines[header.lines..].to_vec();
+        while body.last().is_some_and(|(_, line)| line.trim().is_empty()) {
+            body.pop();
+        }
+        if body.is_empty() {
+            return Err(HwError::NoFrames { place: Place::file(path), skipped: 0 });
+        }
+        let mut channels = Channels { list: header.channels.clone(), device: None };
+        let mut frame = Self {
+            drives: Vec::new(),
+            electrodes: 0,
+            real: Vec::new(),
+            imaginary: Vec::new(),
+            time_ms: header.time_ms,
+            frequency_hz: header.frequency_hz(options.frequency_row),
+            current_a: header.current_a,
+        };
+        for block in body.chunks(rows.saturating_add(1)) {
+            let (drive_line, lines) = (block[0], &block[1..]);
+            if lines.len() < rows {
+                return Err(HwError::Count {
+                    place: Place::line(path, drive_line.0),
+                    what: "lines of potentials after this drive",
+                    found: lines.len(),
+                    wanted: rows,
+                    mend: "the file is cut: copy it anew or move it away",
+                });
+            }
+            let (number, line) = lines[options.frequency_row];
+            frame.push_potentials(line, number, path, &mut channels)?;
+            frame.drives.push(drive(drive_line, path, &channels)?);
+        }
+        text::require_end(content, path)?;
+        frame.electrodes = channels.count();
+        Ok(frame)
+    }
+
+    /// Appends the potentials of the electrodes among those of all channels.
+    fn push_potentials(
+        &mut self,
+        line: &str,
+        number: usize,
+        path: &Path,
+        channels: &mut Channels,
+    ) -> Result<(), HwError> {
+        let place = || Place::line(path, number);
+        let parts = parts(line, number, path, channels)?;
+        let device = parts.len() / 2;
+        for electrode in 0..channels.count() {
+            let channel =
+                channels.list.as_ref().map_or(electrode, |list| list[electrode] as usize - 1);
+            if channel >= device {
+                return Err(HwError::Count {
+                    place: place(),
+                    what: "channels",
+                    found: device,
+                    wanted: channel + 1,
+                    mend: "`MeasurementChannels` in the header says so: the file is damaged",
+                });
+            }
+            for (value, list) in [
+                (parts[2 * channel], &mut self.real),
+                (parts[2 * channel + 1], &mut self.imaginary),
+            ] {
+                if !value.is_finite() {
+                    let measurement = self.drives.len() * channels.count() + electrode;
+                    return Err(HwError::NonFinite {
+                        place: place(),
+                        frame: 0,
+                        measurement,
+                        value,
+                    });
+                }
+                list.push(value);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Real and imaginary parts of all channels of the device, as many as in the first line.
+fn parts(
+    line: &str,
+    number: usize,
+    path: &Path,
+    channels: &mut Channels,
+) -> Result<Vec<f64>, HwError> {
+    let place = || Place::line(path, number);
+    let fields = line.split_whitespace().zip(1..);
+    let parts: Vec<f64> =
+        fields.map(|(field, index)| text::number(field, index, place)).collect::<Result<_, _>>()?;
+    let device = *channels.device.get_or_insert(parts.len() / 2);
+    if parts.len() == 2 * device && device > 0 {
+        return Ok(parts);
+    }
+    Err(HwError::Count {
+        place: place(),
+        what: "real and imaginary parts",
+        found: parts.len(),
+        wanted: 2 * device.max(1),
+        mend: "every line must have as many as the first: the file is cut or damaged",
+    })
+}
+
+/// Which channels of the device are electrodes.
+struct Channels {
+    /// By the header, from 1; `None`: all of the device.
+    list: Option<Vec<u32>>,
+    /// Channels of the device, known from the first line of potentials.
+    device: Option<usize>,
+}
+
+impl Channels {
+    fn count(&self) -> usize {
+        self.list.as_ref().map_or(self.device.unwrap_or_default(), Vec::len)
+    }
+
+    /// Electrode (from 0) of a channel (from 1).
+    fn electrode(&self, channel: u32) -> Option<u32> {
+        let index = match &self.list {
+            Some(list) => list.iter().position(|&other| other == channel)?,
+            None => {
+                let index = (channel as usize).checked_sub(1)?;
+                (index < self.count()).then_some(index)?
+            }
+        };
+        u32::try_from(index).ok()
+    }
+}
+
+/// The electrodes of a line `a b`.
+fn drive(
+    (number, line): (usize, &str),
+    path: &Path,
+    channels: &Channels,
+) -> Result<[u32; 2], HwError> {
+    let mut fields = line.split_whitespace();
+    let mut next = || channels.electrode(fields.next()?.parse().ok()?);
+    match (next(), next(), fields.next()) {
+        (Some(a), Some(b), None) if a != b => Ok([a, b]),
+        _ => Err(HwError::Field {
+            place: Place::line(path, number),
+            field: "drive",
+            text: shortened(line),
+            wanted: "two different numbers of measurement channels",
+            mend: "the file is cut or damaged: copy it anew or move it away",
+        }),
+    }
+}
+
+/// Other instruments write `.eit` files too.
+fn refuse_other_makers(bytes: &[u8], path: &Path) -> Result<(), HwError> {
+    let start = &bytes[..bytes.len().min(80)];
+    let format = if start.windows(10).any(|text| text == b"---Draeger") {
+        "Draeger"
+    } else if start.starts_with(b"\xFF\xFE") {
+        "Carefusion"
+    } else if start.starts_with(b"\x00\x00\x00\x02")
+        || start.starts_with(b"\x00\x00\x00\x03")
+        || start.starts_with(b"\x00\x00\x00\x04")
+        || start.starts_with(b"\x04\x00\x00\x00")
+    {
+        "Swisstom"
+    } else {
+        return Ok(());
+    };
+    Err(HwError::Unsupported { place: Place::file(path), format })
+}

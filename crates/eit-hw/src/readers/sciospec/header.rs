@@ -1,0 +1,171 @@
+//! The header of an `.eit` file.
+//!
+//! With 9 lines: count, name, date, first frequency, last frequency, logarithmic, frequencies,
+//! amplitude in ampere, frames per second. With 11 or more a version follows the count, further
+//! lines follow the end, and of those only `MeasurementChannels: 1,2,...` matters here.
+
+use std::path::Path;
+
+use crate::error::{HwError, Place, shortened};
+
+const MEND: &str = "the file is damaged or no Sciospec text frame: export it anew";
+
+pub(super) struct Header {
+    /// Lines of the header.
+    pub(super) lines: usize,
+    /// Milliseconds since 1970 by the clock of the computer that recorded.
+    pub(super) time_ms: Option<i64>,
+    pub(super) first_hz: f64,
+    pub(super) last_hz: f64,
+    pub(super) logarithmic: bool,
+    pub(super) frequencies: usize,
+    pub(super) current_a: f64,
+    /// Channels that are electrodes, from 1; `None` where the header does not say.
+    pub(super) channels: Option<Vec<u32>>,
+}
+
+impl Header {
+    /// Reads it from the first of `lines`.
+    pub(super) fn parse(lines: &[(usize, &str)], path: &Path) -> Result<Self, HwError> {
+        let text = |index: usize| lines.get(index).map_or("", |(_, line)| line.trim());
+        let wrong = |index: usize, field, wanted| HwError::Field {
+            place: Place::line(path, index + 1),
+            field,
+            text: shortened(text(index)),
+            wanted,
+            mend: MEND,
+        };
+        let count = text(0)
+            .parse::<usize>()
+            .ok()
+            .filter(|count| (9..=lines.len()).contains(count))
+            .ok_or_else(|| wrong(0, "number of header lines", "a number from 9"))?;
+        let shift = usize::from(count >= 11);
+        let number = |index: usize, field| {
+            let value = text(index).parse::<f64>().ok();
+            value
+                .filter(|value| value.is_finite() && *value >= 0.0)
+                .ok_or_else(|| wrong(index, field, "a number from 0"))
+        };
+        let mut channels = None;
+        for (index, (_, line)) in lines.iter().enumerate().take(count).skip(9) {
+            if let Some(list) = line.strip_prefix("MeasurementChannels:") {
+                let list = channel_list(list);
+                channels = Some(list.ok_or_else(|| {
+                    wrong(index, "MeasurementChannels", "a list of different numbers from 1")
+                })?);
+            }
+        }
+        Ok(Self {
+            lines: count,
+            time_ms: milliseconds(text(2 + shift)),
+            first_hz: number(3 + shift, "first frequency")?,
+            last_hz: number(4 + shift, "last frequency")?,
+            logarithmic: number(5 + shift, "logarithmic")? != 0.0,
+            frequencies: text(6 + shift)
+                .parse()
+                .ok()
+                .filter(|&count| count > 0)
+                .ok_or_else(|| wrong(6 + shift, "number of frequencies", "a number from 1"))?,
+            current_a: number(7 + shift, "amplitude")?,
+            channels,
+        })
+    }
+
+    /// Frequency of a row: equal steps, or equal ratios.
+    pub(super) fn frequency_hz(&self, row: usize) -> f64 {
+        if self.frequencies < 2 {
+            return self.first_hz;
+        }
+        let part = row as f64 / (self.frequencies - 1) as f64;
+        if self.logarithmic && self.first_hz > 0.0 {
+            self.first_hz * (self.last_hz / self.first_hz).powf(part)
+        } else {
+            self.first_hz + part * (self.last_hz - self.first_hz)
+        }
+    }
+}
+
+/// `1,2,3` with every number from 1 and none twice.
+fn channel_list(text: &str) -> Option<Vec<u32>> {
+    let channels: Vec<u32> =
+        text.split(',').map(|channel| channel.trim().parse().ok()).collect::<Option<_>>()?;
+    let mut sorted = channels.clone();
+    sorted.sort_unstable();
+    sorted.dedup();
+    (sorted.len() == channels.len() && !sorted.contains(&0)).then_some(channels)
+}
+
+/// `2025.02.12. 13:19:58.685`, with or without milliseconds, as milliseconds since 1970 by the
+/// same clock. `None` where it is written otherwise: time is not worth refusing a frame.
+fn milliseconds(text: &str) -> Option<i64> {
+    let (date, time) = text.split_once(' ')?;
+    let mut date = date.trim_end_matches('.').split('.').map(|part| part.parse::<i64>().ok());
+    let (year, month, day) = (date.next()??, date.next()??, date.next()??);
+    let (time, fraction) = time.trim().split_once('.').unwrap_or((time.trim(), "0"));
+    let mut time = time.split(':').map(|part| part.parse::<i64>().ok());
+    let (hour, minute, second) = (time.next()??, time.next()??, time.next()??);
+    let millisecond = (1000.0 * format!("0.{fraction}").parse::<f64>().ok()?).round() as i64;
+    let valid = (0..10_000).contains(&year)
+        && (1..=12).contains(&month)
+        && (1..=31).contains(&day)
+        && (0..24).contains(&hour)
+        && (0..60).contains(&minute)
+        && (0..61).contains(&second);
+    valid.then(|| {
+        let seconds = ((days(year, month, day) * 24 + hour) * 60 + minute) * 60 + second;
+        seconds * 1000 + millisecond
+    })
+}
+
+/// Days since 1970-01-01 in the Gregorian calendar, counted from March so that a leap day ends its
+/// year; 146097 days are 400 years.
+fn days(year: i64, month: i64, day: i64) -> i64 {
+    let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
+    let leap_days = year.div_euclid(4) - year.div_euclid(100) + year.div_euclid(400);
+    // days before a month counted from March: 0, 31, 61, 92, 122, 153, ...
+    365 * year + leap_days + (153 * month + 2) / 5 + day - 1 - 719_468
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_of_known_dates() {
+        assert_eq!(days(1970, 1, 1), 0);
+        assert_eq!(days(2000, 2, 29), 11_016);
+        assert_eq!(days(2000, 3, 1), 11_017);
+        assert_eq!(days(2025, 2, 12), 20_131);
+    }
+
+    #[test]
+    fn dates_with_and_without_milliseconds() {
+        let whole = milliseconds("2020.07.08. 14:20:28").expect("a date");
+        assert_eq!(milliseconds("2020.07.08. 14:20:28.750"), Some(whole + 750));
+        assert_eq!(milliseconds("2020.07.08. 14:20:28.75"), Some(whole + 750));
+        assert_eq!(whole, (20_131 - 1680) * 86_400_000 + 51_628_000);
+        for wrong in ["", "2020.07.08.", "2020.13.08. 14:20:28", "yesterday 1:2:3", "1.1.1. 99:0:0"]
+        {
+            assert_eq!(milliseconds(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn frequencies_are_spaced_as_stated() {
+        let mut header = Header {
+            lines: 9,
+            time_ms: None,
+            first_hz: 1e3,
+            last_hz: 1e5,
+            logarithmic: true,
+            frequencies: 3,
+            current_a: 1e-3,
+            channels: None,
+        };
+        // a power and a product of f64
+        assert!((header.frequency_hz(1) - 1e4).abs() < 1e-8);
+        header.logarithmic = false;
+        assert_eq!(header.frequency_hz(1), 50_500.0);
+    }
+}

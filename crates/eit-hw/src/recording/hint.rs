@@ -1,0 +1,118 @@
+//! What two counts that differ suggest.
+
+use std::fmt;
+
+/// What the numbers of values and frames in a file suggest where they do not fit the protocol.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum CountHint {
+    /// As many frames as measurements: rows and columns are swapped.
+    Transposed,
+    /// All values of the file together are one frame.
+    OneFrame,
+    /// Twice as many: real and imaginary parts side by side.
+    Complex,
+    /// n^2 values for n electrodes where the protocol drops driven ones.
+    DrivenKept {
+        /// n.
+        electrodes: usize,
+    },
+    /// No values on driven electrodes where the protocol keeps them.
+    DrivenDropped {
+        /// n.
+        electrodes: usize,
+    },
+    /// Half as many: one of each reciprocal pair.
+    ReciprocalOnly,
+    /// The count of adjacent drive and measurement, n (n - 3).
+    Adjacent {
+        /// n.
+        electrodes: usize,
+    },
+    /// The count of opposite drive and adjacent measurement, n (n - 4).
+    Opposite {
+        /// n.
+        electrodes: usize,
+    },
+    /// Nothing known.
+    Unknown,
+}
+
+impl CountHint {
+    /// The first that fits `found` values in each of `frames` frames for `wanted` measurements.
+    pub(crate) fn of(found: usize, frames: usize, wanted: usize) -> Self {
+        // n of n (n - dropped) = count lies between the root and dropped more; 4 is the fewest with
+        // a four-point measurement
+        let electrodes = |count: usize, dropped: usize| {
+            let root = count.isqrt();
+            (root.max(4)..=root.saturating_add(dropped))
+                .find(|n| n.checked_mul(n.saturating_sub(dropped)) == Some(count))
+        };
+        let square = |count: usize| electrodes(count, 0);
+        if frames == wanted && found != frames {
+            Self::Transposed
+        } else if frames > 1 && found.checked_mul(frames) == Some(wanted) {
+            Self::OneFrame
+        } else if wanted.checked_mul(2) == Some(found) {
+            Self::Complex
+        } else if let Some(n) =
+            square(found).filter(|n| [n * (n - 3), n * (n - 4)].contains(&wanted))
+        {
+            Self::DrivenKept { electrodes: n }
+        } else if let Some(n) =
+            square(wanted).filter(|n| [n * (n - 3), n * (n - 4)].contains(&found))
+        {
+            Self::DrivenDropped { electrodes: n }
+        } else if found.checked_mul(2) == Some(wanted) {
+            Self::ReciprocalOnly
+        } else if let Some(n) = electrodes(found, 3) {
+            Self::Adjacent { electrodes: n }
+        } else if let Some(n) = electrodes(found, 4) {
+            Self::Opposite { electrodes: n }
+        } else {
+            Self::Unknown
+        }
+    }
+}
+
+impl fmt::Display for CountHint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Transposed => f.write_str(
+                "rows and columns look swapped: set `[recording] orientation = \"columns\"`",
+            ),
+            Self::OneFrame => f.write_str(
+                "all values together are one frame: set `[recording] matrix = true`, or write the \
+                 frame in one row",
+            ),
+            Self::Complex => f.write_str(
+                "real and imaginary parts look to be side by side: keep one, or save complex NPY",
+            ),
+            Self::DrivenKept { electrodes } => write!(
+                f,
+                "{electrodes} x {electrodes} values include the driven electrodes: set \
+                 `[protocol] driven_electrodes = \"keep\"`"
+            ),
+            Self::DrivenDropped { electrodes } => write!(
+                f,
+                "the driven ones of {electrodes} electrodes look left out: set \
+                 `[protocol] driven_electrodes = \"drop\"`"
+            ),
+            Self::ReciprocalOnly => f.write_str(
+                "half as many look like one of each reciprocal pair: name them in \
+                 `[protocol] quadruples_file`",
+            ),
+            Self::Adjacent { electrodes } => write!(
+                f,
+                "the file fits {electrodes} electrodes with adjacent drive and measurement: set \
+                 `[electrodes] count` and `[protocol]` so"
+            ),
+            Self::Opposite { electrodes } => write!(
+                f,
+                "the file fits {electrodes} electrodes with opposite drive and adjacent \
+                 measurement: set `[electrodes] count` and `[protocol]` so"
+            ),
+            Self::Unknown => f.write_str("set `[protocol]` to what was recorded"),
+        }
+    }
+}

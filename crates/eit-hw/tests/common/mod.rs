@@ -1,0 +1,48 @@
+//! Orders of measurements, and what tests of several files share.
+
+#![allow(dead_code, reason = "each test file uses its own part")]
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use eit_hw::Quadruple;
+
+/// Adjacent drive (d, d+1), measured pairs (d+2+k, d+3+k) mod n.
+pub fn rotated(n: u32) -> Vec<Quadruple> {
+    (0..n)
+        .flat_map(|d| (0..n - 3).map(move |k| [d, (d + 1) % n, (d + 2 + k) % n, (d + 3 + k) % n]))
+        .collect()
+}
+
+/// Adjacent drive (d, d+1), measured pairs (m, m+1) by m, all of them.
+pub fn ascending_kept(n: u32) -> Vec<Quadruple> {
+    (0..n).flat_map(|d| (0..n).map(move |m| [d, (d + 1) % n, m, (m + 1) % n])).collect()
+}
+
+/// [`ascending_kept`] without measured pairs that touch the drive.
+pub fn ascending(n: u32) -> Vec<Quadruple> {
+    ascending_kept(n)
+        .into_iter()
+        .filter(|quadruple| quadruple.iter().collect::<HashSet<_>>().len() == 4)
+        .collect()
+}
+
+/// Adjacent drive (d, d+1), all measured pairs (d+k, d+k+1) mod n.
+pub fn rotated_kept(n: u32) -> Vec<Quadruple> {
+    (0..n)
+        .flat_map(|d| (0..n).map(move |k| [d, (d + 1) % n, (d + k) % n, (d + k + 1) % n]))
+        .collect()
+}
+
+/// Drive (d, d+8), measured pairs (m, m+1) by m that do not touch it.
+pub fn opposite(n: u32) -> Vec<Quadruple> {
+    (0..n)
+        .flat_map(|d| (0..n).map(move |m| [d, (d + n / 2) % n, m, (m + 1) % n]))
+        .filter(|quadruple| quadruple.iter().collect::<HashSet<_>>().len() == 4)
+        .collect()
+}
+
+/// A path for messages.
+pub fn name(text: &str) -> PathBuf {
+    Path::new(text).to_path_buf()
+}

@@ -1,0 +1,244 @@
+//! A recording's values as the measurements of a protocol, and reciprocity.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test file: a panic is a failed test"
+)]
+
+mod common;
+
+use common::{ascending, name, opposite, rotated};
+use eit_hw::csv::{CsvOptions, parse};
+use eit_hw::{
+    Component, CountHint, HwError, Layout, OrderVerdict, Quadruple, Quality, Recording,
+    reciprocity_error, recognise_order,
+};
+use ndarray::array;
+use proptest::prelude::*;
+
+/// Two complex frames of three values.
+fn complex() -> Recording {
+    let options = CsvOptions { complex: true, ..CsvOptions::default() };
+    parse(b"3,0,-6\n4,1,-8\n6,0,3\n8,2,4\n", &name("f.csv"), &options).unwrap()
+}
+
+#[test]
+fn components() {
+    let recording = complex();
+    let of = |component| recording.frames_for(None, 3, component).unwrap().values;
+    assert_eq!(of(Component::Real), array![[3.0, 0.0, -6.0], [6.0, 0.0, 3.0]]);
+    assert_eq!(of(Component::Imaginary), array![[4.0, 1.0, -8.0], [8.0, 2.0, 4.0]]);
+    assert_eq!(of(Component::Magnitude), array![[5.0, 1.0, 10.0], [10.0, 2.0, 5.0]]);
+}
+
+#[test]
+fn phased_turns_one_phase_to_the_real_axis() {
+    let mut recording = complex();
+    // all on the axis of 3 + 4i, with either sign: the projection is the signed magnitude
+    recording.imaginary = Some(&recording.real * (4.0 / 3.0));
+    let phased = recording.frames_for(None, 3, Component::Phased).unwrap().values;
+    for (phased, real) in phased.iter().zip(&recording.real) {
+        // a handful of roundings of numbers of order 10
+        assert!((phased - real * 5.0 / 3.0).abs() < 1e-14, "{phased} {real}");
+    }
+    // values that are not good do not turn it
+    recording.real[[0, 1]] = f64::NAN;
+    recording.quality[[0, 1]] = Quality::NON_FINITE;
+    let flagged = recording.frames_for(None, 3, Component::Phased).unwrap();
+    assert_eq!(flagged.values.row(1), phased.row(1));
+    assert_eq!(flagged.quality[[0, 1]], Quality::NON_FINITE);
+    assert_eq!(flagged.mean_frame()[1], 0.0);
+}
+
+#[test]
+fn real_recordings_have_no_imaginary_part() {
+    let recording = parse(b"1,-2\n", &name("f.csv"), &CsvOptions::default()).unwrap();
+    let of = |component| recording.frames_for(None, 2, component);
+    assert!(matches!(of(Component::Imaginary), Err(HwError::NoImaginaryPart { .. })));
+    assert_eq!(of(Component::Phased).unwrap().values, array![[1.0, -2.0]]);
+    assert_eq!(of(Component::Magnitude).unwrap().values, array![[1.0, 2.0]]);
+}
+
+#[test]
+fn quadruples_are_found_with_their_sign() {
+    let mut recording = complex();
+    recording.layout = Layout::Quadruples(vec![[0, 1, 2, 3], [0, 1, 3, 4], [1, 2, 3, 4]]);
+    recording.quality[[1, 2]] = Quality::OPEN;
+    let wanted = [[1, 2, 3, 4], [1, 0, 2, 3], [0, 1, 3, 2], [1, 0, 3, 2]];
+    let frames = recording.frames_for(Some(&wanted), 4, Component::Real).unwrap();
+    assert_eq!(frames.values.row(0).to_vec(), [-6.0, -3.0, -3.0, 3.0]);
+    assert_eq!(frames.quality[[1, 0]], Quality::OPEN);
+    let of = |quadruple: Quadruple| recording.frames_for(Some(&[quadruple]), 1, Component::Real);
+    assert!(matches!(of([2, 3, 0, 1]), Err(HwError::MissingDrive { a: 2, b: 3, .. })));
+    assert!(matches!(
+        of([0, 1, 2, 4]),
+        Err(HwError::MissingMeasurement { quadruple: [0, 1, 2, 4], .. })
+    ));
+    let none = recording.frames_for(None, 3, Component::Real);
+    assert!(matches!(none, Err(HwError::NeedsQuadruples { .. })));
+    let short = recording.frames_for(Some(&wanted), 3, Component::Real);
+    assert!(matches!(short, Err(HwError::QuadrupleCount { quadruples: 4, count: 3 })));
+}
+
+#[test]
+fn potentials_are_subtracted() {
+    let mut recording = complex();
+    recording.layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
+    recording.quality[[0, 2]] = Quality::OPEN;
+    let wanted = [[0, 1, 0, 2], [1, 0, 0, 2], [0, 1, 2, 0], [0, 1, 0, 1]];
+    let frames = recording.frames_for(Some(&wanted), 4, Component::Real).unwrap();
+    assert_eq!(frames.values.row(0).to_vec(), [9.0, -9.0, -9.0, 3.0]);
+    assert_eq!(
+        frames.quality.row(0).to_vec(),
+        [Quality::OPEN, Quality::OPEN, Quality::OPEN, Quality::GOOD]
+    );
+    // the magnitude is that of the difference
+    let frames = recording.frames_for(Some(&wanted), 4, Component::Magnitude).unwrap();
+    assert_eq!(frames.values[[0, 0]], 15.0);
+}
+
+#[test]
+fn fields_that_do_not_fit_are_refused() {
+    let refused = |change: fn(&mut Recording)| {
+        let mut recording = complex();
+        change(&mut recording);
+        let result = recording.frames_for(None, 3, Component::Real);
+        assert!(matches!(result, Err(HwError::Inconsistent { .. })), "{result:?}");
+    };
+    refused(|recording| recording.quality = ndarray::Array2::default((2, 2)));
+    refused(|recording| recording.imaginary = Some(ndarray::Array2::zeros((1, 3))));
+    refused(|recording| recording.device_time_s = Some(vec![0.0]));
+    refused(|recording| recording.layout = Layout::Quadruples(Vec::new()));
+    refused(|recording| {
+        recording.layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: usize::MAX };
+    });
+}
+
+#[test]
+fn counts_that_differ_are_explained() {
+    let hint = |found: usize, frames: usize, wanted: usize| {
+        let text = vec![vec!["1"; found].join(","); frames].join("\n");
+        let recording = parse(text.as_bytes(), &name("f.csv"), &CsvOptions::default()).unwrap();
+        match recording.frames_for(None, wanted, Component::Real) {
+            Err(HwError::CountMismatch { found: f, frames: n, wanted: w, hint, .. }) => {
+                assert_eq!((f, n, w), (found, frames, wanted));
+                hint
+            }
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(hint(4, 208, 208), CountHint::Transposed);
+    assert_eq!(hint(13, 16, 208), CountHint::OneFrame);
+    assert_eq!(hint(416, 1, 208), CountHint::Complex);
+    assert_eq!(hint(256, 1, 208), CountHint::DrivenKept { electrodes: 16 });
+    assert_eq!(hint(256, 1, 192), CountHint::DrivenKept { electrodes: 16 });
+    assert_eq!(hint(208, 1, 256), CountHint::DrivenDropped { electrodes: 16 });
+    assert_eq!(hint(104, 1, 208), CountHint::ReciprocalOnly);
+    assert_eq!(hint(928, 1, 208), CountHint::Adjacent { electrodes: 32 });
+    assert_eq!(hint(192, 1, 208), CountHint::Opposite { electrodes: 16 });
+    assert_eq!(hint(207, 1, 208), CountHint::Unknown);
+}
+
+#[test]
+fn frames_come_one_by_one() {
+    let mut recording = complex();
+    recording.device_time_s = Some(vec![0.0, 0.05]);
+    let frames = recording.frames_for(None, 3, Component::Real).unwrap();
+    let list: Vec<_> = frames.frames().collect();
+    assert_eq!(list.len(), 2);
+    assert_eq!(list[1].values, [6.0, 0.0, 3.0]);
+    assert_eq!((list[1].sequence, list[1].device_time_s), (1, Some(0.05)));
+    assert_eq!(frames.mean_frame(), [4.5, 0.0, -1.5]);
+}
+
+/// A reciprocal value for each quadruple: symmetric in drive and measured pair, odd in either.
+fn reciprocal([a, b, m, n]: Quadruple, seed: f64) -> f64 {
+    let g = |i: u32, j: u32| (seed + f64::from(i.min(j)) * 7.1 + f64::from(i.max(j)) * 3.3).sin();
+    g(a, m) - g(a, n) - g(b, m) + g(b, n)
+}
+
+proptest! {
+    #[test]
+    fn reciprocal_frames_have_no_error(
+        seed in 0.0..10.0_f64,
+        scale in prop::sample::select(vec![1e-200, 1e-6, 1.0, 1e200]),
+        flips in prop::collection::vec(0..4_u8, 208),
+    ) {
+        let mut order = rotated(16);
+        for (quadruple, flip) in order.iter_mut().zip(flips) {
+            let [a, b, m, n] = *quadruple;
+            *quadruple = match flip {
+                0 => [a, b, m, n],
+                1 => [b, a, m, n],
+                2 => [a, b, n, m],
+                _ => [b, a, n, m],
+            };
+        }
+        let frame: Vec<_> = order.iter().map(|&q| scale * reciprocal(q, seed)).collect();
+        // four rounded terms of order 1, relative to a root mean square of order 1
+        prop_assert!(reciprocity_error(&order, &frame).unwrap() < 1e-14);
+    }
+
+    #[test]
+    fn a_relative_difference_is_found(seed in 0.0..10.0_f64, relative in 1e-6..0.5_f64) {
+        let order = rotated(16);
+        let frame: Vec<_> = order
+            .iter()
+            .map(|&q| reciprocal(q, seed) * (1.0 + if q[0] < q[2] { relative } else { -relative }))
+            .collect();
+        // v (1 + r) against v (1 - r): 2 r / sqrt(1 + r^2), rounded to about 1e-16 / r
+        let expected = 2.0 * relative / (1.0 + relative * relative).sqrt();
+        let error = reciprocity_error(&order, &frame).unwrap();
+        prop_assert!((error / expected - 1.0).abs() < 1e-9, "{error} {expected}");
+    }
+
+    #[test]
+    fn orders_without_reciprocal_pairs_say_nothing(
+        frame in prop::collection::vec(-1.0..1.0_f64, 192),
+    ) {
+        prop_assert_eq!(reciprocity_error(&opposite(16), &frame), None);
+    }
+}
+
+#[test]
+fn errors_at_the_edges() {
+    let order = [[0, 1, 2, 3], [2, 3, 0, 1]];
+    assert_eq!(reciprocity_error(&order, &[1.0]), None);
+    assert_eq!(reciprocity_error(&order, &[0.0, 0.0]), None);
+    assert_eq!(reciprocity_error(&order, &[f64::NAN, 1.0]), None);
+    assert_eq!(reciprocity_error(&order, &[f64::INFINITY, 1.0]), None);
+    assert_eq!(reciprocity_error(&[], &[]), None);
+    // driven electrodes do not count
+    assert_eq!(reciprocity_error(&[[0, 1, 1, 2], [1, 2, 0, 1]], &[1.0, 5.0]), None);
+}
+
+#[test]
+fn verdicts() {
+    let frame: Vec<_> = ascending(16).iter().map(|&q| reciprocal(q, 1.0)).collect();
+    let scene = rotated(16);
+    let alternatives = [
+        ("right", ascending(16)),
+        ("another length", ascending(8)),
+        ("right too", ascending(16).into_iter().map(|[a, b, m, n]| [m, n, a, b]).collect()),
+        ("no pairs", vec![[0, 1, 2, 3]; 208]),
+    ];
+    match recognise_order(&frame, &scene, &alternatives) {
+        OrderVerdict::Other { better, ours } => {
+            let settings: Vec<_> = better.iter().map(|other| other.setting.as_str()).collect();
+            assert_eq!(settings, ["right", "right too"]);
+            assert!(ours > 0.5, "{ours}");
+        }
+        other => panic!("{other:?}"),
+    }
+    assert!(matches!(
+        recognise_order(&frame, &ascending(16), &alternatives),
+        OrderVerdict::Consistent { .. }
+    ));
+    assert!(matches!(
+        recognise_order(&frame, &scene, &alternatives[1..2]),
+        OrderVerdict::Unclear { ours: Some(_), best: None }
+    ));
+}

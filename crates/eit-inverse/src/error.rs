@@ -1,0 +1,144 @@
+//! The one error type of this crate.
+
+/// What can be wrong with a Jacobian, a prior, settings or data.
+///
+/// Every variant carries the numbers that were found. Indices of frames, measurements and
+/// elements are 0-based, in protocol and mesh order.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum InverseError {
+    /// An array has the wrong length.
+    #[error("{what}: {found} values, but {wanted} are needed")]
+    WrongLength {
+        /// Which array.
+        what: &'static str,
+        /// Values given.
+        found: usize,
+        /// Values needed.
+        wanted: usize,
+    },
+    /// A Jacobian without rows or columns.
+    #[error("the Jacobian is {measurements} x {elements}: it needs a measurement and an element")]
+    EmptyJacobian {
+        /// Rows.
+        measurements: usize,
+        /// Columns.
+        elements: usize,
+    },
+    /// A Jacobian entry that is NaN or infinite.
+    #[error(
+        "the Jacobian is {value} at measurement {measurement}, element {element}: it must be finite"
+    )]
+    NonFiniteJacobian {
+        /// Row.
+        measurement: usize,
+        /// Column.
+        element: usize,
+        /// The entry.
+        value: f64,
+    },
+    /// No used measurement senses any element.
+    #[error(
+        "the {measurements} used measurements sense nothing (J P J' is zero): check the Jacobian's \
+         units and which measurements are left out"
+    )]
+    NoSensitivity {
+        /// Used measurements.
+        measurements: usize,
+    },
+    /// Every measurement is left out.
+    #[error("all {measurements} measurements are left out: at least one must be used")]
+    NothingUsed {
+        /// Measurements of the protocol.
+        measurements: usize,
+    },
+    /// A measurement is asked for that the reconstruction was built without.
+    #[error(
+        "measurement {measurement} was left out before: build the reconstruction anew to use it"
+    )]
+    NotAvailable {
+        /// Measurement index.
+        measurement: usize,
+    },
+    /// A measured value is NaN or infinite.
+    #[error(
+        "frame {frame}, measurement {measurement} is {value}: leave the measurement out (`used`) \
+         or repair the frame"
+    )]
+    NonFiniteData {
+        /// Frame index (0 for a single frame).
+        frame: usize,
+        /// Measurement index.
+        measurement: usize,
+        /// The value.
+        value: f64,
+    },
+    /// A reference value is NaN or infinite.
+    #[error("reference frame, measurement {measurement} is {value}: it must be finite")]
+    NonFiniteReference {
+        /// Measurement index.
+        measurement: usize,
+        /// The value.
+        value: f64,
+    },
+    /// Normalised data needs a reference voltage that is not zero.
+    #[error(
+        "measurement {measurement} of {what} is {value:e} V: normalised data divides by it; leave \
+         the measurement out (`used`) or use plain differences"
+    )]
+    ZeroReference {
+        /// "the reference frame" or "the model voltages".
+        what: &'static str,
+        /// Measurement index.
+        measurement: usize,
+        /// The value, volts.
+        value: f64,
+    },
+    /// A setting is out of its range.
+    #[error("{quantity} is {value}: it must be {must}")]
+    OutOfRange {
+        /// The quantity with its unit.
+        quantity: &'static str,
+        /// The value given.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// One entry of a list is out of its range.
+    #[error("{quantity} of measurement {measurement} is {value}: it must be {must}")]
+    MeasurementOutOfRange {
+        /// The quantity with its unit.
+        quantity: &'static str,
+        /// Measurement index.
+        measurement: usize,
+        /// The value given.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// A prior whose covariance is not positive semi-definite, or overflows.
+    #[error("prior {prior}: J P J' is not finite and positive semi-definite (pivot {pivot})")]
+    BadCovariance {
+        /// The prior's name.
+        prior: &'static str,
+        /// Pivot or measurement at which it showed.
+        pivot: usize,
+    },
+    /// A matrix factorisation failed.
+    #[error("{what} failed at size {size}: the input is too badly scaled for double precision")]
+    Factorisation {
+        /// Which one.
+        what: &'static str,
+        /// Rows of the matrix.
+        size: usize,
+    },
+    /// A hyperparameter rule that reads data was given none.
+    #[error(
+        "{rule} chooses the hyperparameter from data: give it a frame that differs from the \
+         reference frame in what the skin can change"
+    )]
+    NoDifference {
+        /// The rule.
+        rule: &'static str,
+    },
+}

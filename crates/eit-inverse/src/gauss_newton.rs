@@ -1,0 +1,345 @@
+//! One-step difference Gauss-Newton.
+
+use crate::data::{Channels, check_positive};
+use crate::hyperparameter::{Chosen, HyperparameterChoice, HyperparameterStatus};
+use crate::spectrum::Spectrum;
+use crate::{DifferenceSettings, InverseError, Prior, Reconstructor, Workspace};
+use eit_mesh::CsrMatrix;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, ColRef, Mat, MatMut, MatRef, Par};
+use ndarray::{Array1, Array2, ArrayRef2, ArrayView2};
+use std::time::Instant;
+
+/// One-step difference reconstruction: the most probable conductivity change for Gaussian noise
+/// and a Gaussian prior.
+///
+/// ```text
+/// image = argmin  |dv - J dsigma|_W^2 + lambda^2 s |dsigma|_R^2  =  RM dv
+/// RM = P J' (J P J' + lambda^2 s W^-1)^-1  =  (J' W J + lambda^2 s R)^-1 J' W
+/// s  = trace(W^1/2 J P J' W^1/2) / m
+/// ```
+///
+/// with `J` the Jacobian `[measurement, element]` (rows divided by the model voltages for
+/// normalised data), `W^-1` the noise covariance, `P = R^-1` the prior covariance and `m` the used
+/// measurements. The scale `s` makes lambda dimensionless and gives it the same meaning in every
+/// scene: it is the ratio of noise to expected signal per measurement, whatever the units of
+/// conductivity, drive current, noise and prior. (Where reciprocal measurements are merged into one
+/// of double weight, `s` doubles: lambda must then be smaller by the root of 2 for the same image.)
+/// `RM` is computed in the first form, in measurement space (`m x m`, not `n x n`), from one
+/// eigen-expansion, so that another lambda costs `O(r m)`.
+///
+/// Cost of set-up: the prior's `J P`, `m^2 n` flops for `J P J'`, `m r^2` for its spectrum of rank
+/// `r`, `2 m n r` for the image basis.
+///
+/// Source: Adler, Guardo, *IEEE Trans. Med. Imaging* 15 (1996), 170-179; the measurement-space
+/// form: Adler, Dai, Lionheart, *Physiol. Meas.* 28 (2007), S1-S11.
+#[derive(Debug, Clone)]
+pub struct Difference {
+    reconstructor: Reconstructor,
+    spectrum: Spectrum,
+    report: Report,
+}
+
+/// What a reconstruction is and what it cost.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Report {
+    /// The prior's name.
+    pub prior: &'static str,
+    /// Measurements of the protocol.
+    pub measurements: usize,
+    /// Measurements used.
+    pub measurements_used: usize,
+    /// Elements of the image.
+    pub elements: usize,
+    /// Eigenvalues of the weighted problem above the noise floor: independent measurements.
+    pub rank: usize,
+    /// Largest eigenvalue over the smallest one above the noise floor; that floor is
+    /// `m f64::EPSILON` of the largest, so this is at most `1 / (m 2.2e-16)`.
+    pub condition: f64,
+    /// Scale `s`, see [`Difference`], for weights relative to that of the largest `noise_std`.
+    pub scale: f64,
+    /// Hyperparameter lambda in use.
+    pub hyperparameter: f64,
+    /// How it was chosen and whether that succeeded.
+    pub hyperparameter_status: HyperparameterStatus,
+    /// Effective degrees of freedom, `sum d / (d + lambda^2 s)`: measurements that the image
+    /// follows; the rest is damped.
+    pub degrees_of_freedom: f64,
+    /// Time for `J P`, seconds.
+    pub prior_s: f64,
+    /// Time for `J P J'` and its spectrum, seconds.
+    pub spectrum_s: f64,
+    /// Time for the image basis, seconds.
+    pub basis_s: f64,
+}
+
+impl Difference {
+    /// Computes the reconstruction of a linearisation.
+    ///
+    /// `jacobian` is `[measurement, element]`, volts per siemens (per square), in protocol order.
+    ///
+    /// # Errors
+    /// A Jacobian that is empty, not finite or zero; settings of the wrong length or range; a
+    /// prior of another mesh.
+    pub fn new(
+        jacobian: &ArrayRef2<f64>,
+        prior: &dyn Prior,
+        settings: DifferenceSettings,
+    ) -> Result<Self, InverseError> {
+        let (measurements, elements) = jacobian.dim();
+        if measurements == 0 || elements == 0 {
+            return Err(InverseError::EmptyJacobian { measurements, elements });
+        }
+        check_positive("hyperparameter", settings.hyperparameter)?;
+        let channels = Channels::new(measurements, &settings)?;
+        let start = Instant::now();
+        let weighted = weighted_rows(jacobian, &channels)?;
+        let used = channels.used.len();
+        let covariance = product_with_covariance(prior, &weighted, used, elements)?;
+        let prior_s = start.elapsed().as_secs_f64();
+
+        let start = Instant::now();
+        let covariance = MatRef::from_row_major_slice(&covariance, used, elements);
+        let jacobian = MatRef::from_row_major_slice(&weighted, used, elements);
+        let spectrum = Spectrum::new(jacobian, covariance, prior.name())?;
+        let spectrum_s = start.elapsed().as_secs_f64();
+
+        let start = Instant::now();
+        let image_basis = product(covariance.transpose(), spectrum.vectors.as_ref());
+        let basis_s = start.elapsed().as_secs_f64();
+        let times = [prior_s, spectrum_s, basis_s];
+        Ok(Self::assemble(
+            prior.name(),
+            channels,
+            spectrum,
+            image_basis,
+            settings.hyperparameter,
+            times,
+        ))
+    }
+
+    /// The same reconstruction without some of its measurements, for example where the instrument
+    /// flags a channel: equal to [`Difference::new`] with `used`, but from the spectrum alone.
+    ///
+    /// Costs `m r^2 + 2 n r^2` flops; the prior is not needed again. `used` is `[measurement]`.
+    /// Measurements left out before cannot come back; keep the full reconstruction for that. The
+    /// hyperparameter stays.
+    ///
+    /// # Errors
+    /// Wrong length, nothing left, [`InverseError::NotAvailable`].
+    pub fn restricted_to(&self, used: &[bool]) -> Result<Self, InverseError> {
+        let (channels, kept) = self.reconstructor.channels.restrict(used)?;
+        let start = Instant::now();
+        let spectrum = Spectrum::from_factor(self.spectrum.factor_of(&kept).as_ref())?;
+        // P J' W^1/2 of the kept measurements is B U' of their rows
+        let rows = Mat::from_fn(kept.len(), self.spectrum.values.len(), |i, k| {
+            self.spectrum.vectors[(kept[i], k)]
+        });
+        let spectrum_s = start.elapsed().as_secs_f64();
+        let start = Instant::now();
+        let turn = rows.transpose() * &spectrum.vectors;
+        let image_basis = product(self.reconstructor.image_rows(), turn.as_ref());
+        let times = [0.0, spectrum_s, start.elapsed().as_secs_f64()];
+        let Report { prior, hyperparameter, .. } = self.report;
+        Ok(Self::assemble(prior, channels, spectrum, image_basis, hyperparameter, times))
+    }
+
+    fn assemble(
+        prior: &'static str,
+        channels: Channels,
+        spectrum: Spectrum,
+        image_basis: Vec<f64>,
+        hyperparameter: f64,
+        times_s: [f64; 3],
+    ) -> Self {
+        let rank = spectrum.values.len();
+        let report = Report {
+            prior,
+            measurements: channels.count,
+            measurements_used: channels.used.len(),
+            elements: image_basis.len() / rank,
+            rank,
+            condition: spectrum.values[0] / spectrum.values[rank - 1],
+            scale: spectrum.scale,
+            hyperparameter,
+            hyperparameter_status: HyperparameterStatus::Given,
+            degrees_of_freedom: spectrum.degrees_of_freedom(hyperparameter),
+            prior_s: times_s[0],
+            spectrum_s: times_s[1],
+            basis_s: times_s[2],
+        };
+        let filter = spectrum.filter(hyperparameter);
+        let vectors = spectrum.vectors.as_ref();
+        let reconstructor = Reconstructor::new(channels, image_basis, vectors, &filter);
+        Self { reconstructor, spectrum, report }
+    }
+
+    /// What this reconstruction is and what it cost.
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// Sets lambda; everything else stays. Costs `r m` multiplications.
+    ///
+    /// # Errors
+    /// [`InverseError::OutOfRange`] unless finite and above zero.
+    pub fn set_hyperparameter(&mut self, hyperparameter: f64) -> Result<(), InverseError> {
+        check_positive("hyperparameter", hyperparameter)?;
+        self.apply(hyperparameter, HyperparameterStatus::Given);
+        Ok(())
+    }
+
+    /// Chooses lambda by a rule and sets it.
+    ///
+    /// # Errors
+    /// Data or areas of the wrong length; [`InverseError::NoDifference`] without data.
+    pub fn choose_hyperparameter(
+        &mut self,
+        choice: &HyperparameterChoice<'_>,
+    ) -> Result<Chosen, InverseError> {
+        let chosen = choice.evaluate(&self.reconstructor, &self.spectrum)?;
+        self.apply(chosen.hyperparameter, chosen.status);
+        Ok(chosen)
+    }
+
+    fn apply(&mut self, hyperparameter: f64, status: HyperparameterStatus) {
+        let filter = self.spectrum.filter(hyperparameter);
+        self.reconstructor.set_filter(self.spectrum.vectors.as_ref(), &filter);
+        self.report.hyperparameter = hyperparameter;
+        self.report.hyperparameter_status = status;
+        self.report.degrees_of_freedom = self.spectrum.degrees_of_freedom(hyperparameter);
+    }
+
+    /// The map from frames to element images alone.
+    pub fn reconstructor(&self) -> &Reconstructor {
+        &self.reconstructor
+    }
+
+    /// The map from frames straight to pixels, through `pixel_from_element` `[pixel, element]` of a
+    /// raster (`eit_mesh::Raster::pixel_from_element`). The hyperparameter is the present one.
+    ///
+    /// A frame then costs `2 r (m + pixels)` flops: no image on elements is formed.
+    ///
+    /// # Errors
+    /// [`InverseError::WrongLength`] for the raster of another mesh.
+    pub fn on_raster(&self, pixel_from_element: &CsrMatrix) -> Result<Reconstructor, InverseError> {
+        self.reconstructor.followed_by(pixel_from_element)
+    }
+
+    /// See [`Reconstructor::workspace`].
+    pub fn workspace(&self) -> Workspace {
+        self.reconstructor.workspace()
+    }
+
+    /// See [`Reconstructor::reconstruct`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn reconstruct(
+        &self,
+        frame: &[f64],
+        reference_frame: &[f64],
+    ) -> Result<Array1<f64>, InverseError> {
+        self.reconstructor.reconstruct(frame, reference_frame)
+    }
+
+    /// See [`Reconstructor::reconstruct_into`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn reconstruct_into(
+        &self,
+        frame: &[f64],
+        reference_frame: &[f64],
+        workspace: &mut Workspace,
+        image: &mut [f64],
+    ) -> Result<(), InverseError> {
+        self.reconstructor.reconstruct_into(frame, reference_frame, workspace, image)
+    }
+
+    /// See [`Reconstructor::reconstruct_frames`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn reconstruct_frames(
+        &self,
+        frames: ArrayView2<'_, f64>,
+        reference_frame: &[f64],
+    ) -> Result<Array2<f64>, InverseError> {
+        self.reconstructor.reconstruct_frames(frames, reference_frame)
+    }
+
+    /// See [`Reconstructor::reconstruction_matrix`].
+    pub fn reconstruction_matrix(&self) -> Array2<f64> {
+        self.reconstructor.reconstruction_matrix()
+    }
+
+    /// What the image leaves unexplained: `|dv - J dsigma|_W / |dv|_W`, between 0 and 1.
+    ///
+    /// From the spectrum, `O(r m)`; 0 where frame and reference frame are equal.
+    ///
+    /// # Errors
+    /// As [`Reconstructor::difference`].
+    pub fn relative_residual(
+        &self,
+        frame: &[f64],
+        reference_frame: &[f64],
+    ) -> Result<f64, InverseError> {
+        let difference = self.reconstructor.difference(frame, reference_frame)?;
+        let mut whitened = difference.to_vec();
+        let weights = &self.reconstructor.channels.root_weights;
+        whitened.iter_mut().zip(weights).for_each(|(b, w)| *b *= w);
+        let data = ColRef::from_slice(&whitened).as_mat();
+        let parts = self.spectrum.decompose(data);
+        let norm = parts.squared_norm();
+        let residual = parts.squared_residual(&self.spectrum, self.report.hyperparameter);
+        Ok(if norm > 0.0 { (residual / norm).sqrt() } else { 0.0 })
+    }
+}
+
+/// `W^1/2 J` of the used measurements, row-major; rows divided by model voltages if normalised.
+fn weighted_rows(jacobian: &ArrayRef2<f64>, channels: &Channels) -> Result<Vec<f64>, InverseError> {
+    let mut weighted = Vec::with_capacity(channels.used.len() * jacobian.ncols());
+    for (k, &measurement) in channels.used.iter().enumerate() {
+        let factor = channels.row_factor(k);
+        for (element, &value) in jacobian.row(measurement).iter().enumerate() {
+            let entry = factor * value;
+            if !entry.is_finite() {
+                return Err(InverseError::NonFiniteJacobian { measurement, element, value });
+            }
+            weighted.push(entry);
+        }
+    }
+    Ok(weighted)
+}
+
+/// `W^1/2 J P`, row-major, from a prior.
+fn product_with_covariance(
+    prior: &dyn Prior,
+    weighted: &[f64],
+    used: usize,
+    elements: usize,
+) -> Result<Vec<f64>, InverseError> {
+    let view = ArrayView2::from_shape((used, elements), weighted);
+    let wrong = InverseError::WrongLength {
+        what: "J P of the prior",
+        found: weighted.len(),
+        wanted: used * elements,
+    };
+    let product = prior.covariance_times(view.map_err(|_| wrong)?)?;
+    if product.dim() != (used, elements) {
+        let (what, found, wanted) = ("J P of the prior", product.len(), used * elements);
+        return Err(InverseError::WrongLength { what, found, wanted });
+    }
+    Ok(product.iter().copied().collect())
+}
+
+/// `a b`, row-major.
+fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Vec<f64> {
+    let (rows, columns) = (a.nrows(), b.ncols());
+    let mut values = vec![0.0; rows * columns];
+    let target = MatMut::from_row_major_slice_mut(&mut values, rows, columns);
+    matmul(target, Accum::Replace, a, b, 1.0, Par::Seq);
+    values
+}

@@ -1,0 +1,44 @@
+//! Tikhonov prior: white noise.
+
+use super::Prior;
+use crate::InverseError;
+use crate::data::check_length;
+use eit_mesh::Surface;
+use ndarray::{Array1, Array2, ArrayView2};
+
+/// White noise on the skin: every place independent of every other.
+///
+/// `R = diag(area_e / mean area)`, so `dsigma' R dsigma` is the integral of `dsigma^2` over the
+/// skin divided by the mean element area. With the identity instead (zeroth-order Tikhonov as it
+/// is often written) a finer element would get a smaller weight per area and the image would show
+/// the mesh.
+///
+/// Source: Tikhonov, *Soviet Math. Dokl.* 4 (1963), 1035; area weights as in EIDORS'
+/// `prior_tikhonov` on meshes of equal elements.
+#[derive(Debug, Clone)]
+pub struct Tikhonov {
+    variances: Array1<f64>,
+}
+
+impl Tikhonov {
+    /// The prior of a skin.
+    pub fn new(surface: &Surface) -> Self {
+        let areas = surface.areas_m2();
+        let mean = areas.iter().sum::<f64>() / areas.len() as f64;
+        Self { variances: areas.iter().map(|a| mean / a).collect() }
+    }
+}
+
+impl Prior for Tikhonov {
+    fn name(&self) -> &'static str {
+        "tikhonov"
+    }
+
+    fn covariance_times(
+        &self,
+        weighted_jacobian: ArrayView2<'_, f64>,
+    ) -> Result<Array2<f64>, InverseError> {
+        check_length("Jacobian columns", weighted_jacobian.ncols(), self.variances.len())?;
+        Ok(&weighted_jacobian * &self.variances)
+    }
+}

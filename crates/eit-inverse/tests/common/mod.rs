@@ -1,0 +1,183 @@
+//! Small skins and analytic Jacobians made by hand, independent of the mesher and the solver.
+
+#![allow(dead_code, missing_docs, reason = "each test file uses its part")]
+#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
+
+use eit_mesh::Surface;
+use ndarray::Array2;
+
+/// Deterministic uniform numbers in [0, 1) (Knuth's MMIX constants) and normal ones (Box-Muller).
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn uniform(&mut self) -> f64 {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    pub fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+
+    pub fn matrix(&mut self, rows: usize, columns: usize) -> Array2<f64> {
+        Array2::from_shape_fn((rows, columns), |_| self.normal())
+    }
+}
+
+/// Disc of concentric rings; ring k has 6 k nodes, so triangles are near-equilateral.
+pub fn disc(radius_m: f64, rings: usize) -> Surface {
+    let mut nodes = vec![[0.0; 3]];
+    let mut first = vec![0_usize];
+    for k in 1..=rings {
+        first.push(nodes.len());
+        let r = radius_m * k as f64 / rings as f64;
+        for i in 0..6 * k {
+            let (sin, cos) = (std::f64::consts::TAU * i as f64 / (6 * k) as f64).sin_cos();
+            nodes.push([r * cos, r * sin, 0.0]);
+        }
+    }
+    let node = |k: usize, i: usize| (first[k] + if k == 0 { 0 } else { i % (6 * k) }) as u32;
+    let mut triangles = Vec::new();
+    for k in 1..=rings {
+        for sector in 0..6 {
+            for i in 0..k {
+                let outer = sector * k + i;
+                let inner = sector * (k - 1) + i;
+                triangles.push([node(k, outer), node(k, outer + 1), node(k - 1, inner)]);
+                if i + 1 < k {
+                    triangles.push([
+                        node(k - 1, inner),
+                        node(k, outer + 1),
+                        node(k - 1, inner + 1),
+                    ]);
+                }
+            }
+        }
+    }
+    Surface::new(nodes, triangles).unwrap()
+}
+
+/// Parallelogram of `n` x `n` pairs of equilateral triangles of edge `1 / n` metres.
+pub fn equilateral(n: usize) -> Surface {
+    let h = 1.0 / n as f64;
+    let place =
+        |i: usize, j: usize| [h * (i as f64 + 0.5 * j as f64), h * j as f64 * 0.75_f64.sqrt(), 0.0];
+    grid(n, place)
+}
+
+/// `n` x `n` cells cut along one diagonal, nodes placed by `place(i, j)`.
+pub fn grid(n: usize, place: impl Fn(usize, usize) -> [f64; 3]) -> Surface {
+    let nodes = (0..=n).flat_map(|j| (0..=n).map(move |i| (i, j))).map(|(i, j)| place(i, j));
+    let node = |i: usize, j: usize| (j * (n + 1) + i) as u32;
+    let mut triangles = Vec::new();
+    for j in 0..n {
+        for i in 0..n {
+            triangles.push([node(i, j), node(i + 1, j), node(i, j + 1)]);
+            triangles.push([node(i + 1, j), node(i + 1, j + 1), node(i, j + 1)]);
+        }
+    }
+    Surface::new(nodes.collect(), triangles).unwrap()
+}
+
+/// Adjacent drive and measurement without driven electrodes: quadruples [a, b, m, n].
+pub fn adjacent(electrodes: usize) -> Vec<[usize; 4]> {
+    let next = |l: usize| (l + 1) % electrodes;
+    let mut quadruples = Vec::new();
+    for d in 0..electrodes {
+        for k in 2..electrodes - 1 {
+            let m = (d + k) % electrodes;
+            quadruples.push([d, next(d), m, next(m)]);
+        }
+    }
+    quadruples
+}
+
+/// Sensitivity of a homogeneous disc with point electrodes just outside its rim, volts per siemens.
+///
+/// A current I between points a and b on the rim of a disc of sheet conductivity sigma makes
+/// `u = I / (pi sigma) log(|x - b| / |x - a|)`, and `dV/dsigma_e = -area grad u . grad w` with `w`
+/// the field of a unit current through m and n (here I = 1 A, sigma = 1 S). Point electrodes sit at
+/// 1.02 radii, so the gradient stays finite in the outermost elements; the field is then that of
+/// the plane, twice over.
+pub fn jacobian(surface: &Surface, radius_m: f64, electrodes: usize) -> Array2<f64> {
+    let place = |l: usize| {
+        let (sin, cos) = (std::f64::consts::TAU * l as f64 / electrodes as f64).sin_cos();
+        [1.02 * radius_m * cos, 1.02 * radius_m * sin]
+    };
+    let pull = |x: [f64; 3], l: usize| {
+        let [dx, dy] = [x[0] - place(l)[0], x[1] - place(l)[1]];
+        let r2 = dx * dx + dy * dy;
+        [dx / r2 / std::f64::consts::PI, dy / r2 / std::f64::consts::PI]
+    };
+    let quadruples = adjacent(electrodes);
+    let centroids = surface.centroids();
+    Array2::from_shape_fn((quadruples.len(), centroids.len()), |(i, e)| {
+        let field = |a: usize, b: usize| {
+            let (p, q) = (pull(centroids[e], a), pull(centroids[e], b));
+            [q[0] - p[0], q[1] - p[1]]
+        };
+        let [a, b, m, n] = quadruples[i];
+        let (u, w) = (field(a, b), field(m, n));
+        -surface.areas_m2()[e] * (u[0] * w[0] + u[1] * w[1])
+    })
+}
+
+/// Image of a round target, siemens, [element].
+pub fn target(surface: &Surface, centre_m: [f64; 2], radius_m: f64, change_s: f64) -> Vec<f64> {
+    surface
+        .centroids()
+        .iter()
+        .map(|c| {
+            let inside = (c[0] - centre_m[0]).hypot(c[1] - centre_m[1]) <= radius_m;
+            if inside { change_s } else { 0.0 }
+        })
+        .collect()
+}
+
+/// Solves `a x = b` by Gaussian elimination with partial pivoting: the reference that shares no
+/// code with the library.
+pub fn solve(mut a: Array2<f64>, mut b: Array2<f64>) -> Array2<f64> {
+    let n = a.nrows();
+    for k in 0..n {
+        let pivot = (k..n).max_by(|&i, &j| a[(i, k)].abs().total_cmp(&a[(j, k)].abs())).unwrap();
+        for j in 0..n {
+            a.swap((k, j), (pivot, j));
+        }
+        for j in 0..b.ncols() {
+            b.swap((k, j), (pivot, j));
+        }
+        for i in k + 1..n {
+            let factor = a[(i, k)] / a[(k, k)];
+            for j in k..n {
+                let x = a[(k, j)];
+                a[(i, j)] -= factor * x;
+            }
+            for j in 0..b.ncols() {
+                let x = b[(k, j)];
+                b[(i, j)] -= factor * x;
+            }
+        }
+    }
+    for k in (0..n).rev() {
+        for j in 0..b.ncols() {
+            let known: f64 = (k + 1..n).map(|i| a[(k, i)] * b[(i, j)]).sum();
+            b[(k, j)] = (b[(k, j)] - known) / a[(k, k)];
+        }
+    }
+    b
+}
+
+/// Largest difference relative to the largest entry of `b`.
+pub fn relative_difference<'a>(
+    a: impl IntoIterator<Item = &'a f64>,
+    b: impl IntoIterator<Item = &'a f64>,
+) -> f64 {
+    let (mut difference, mut size) = (0.0_f64, 0.0_f64);
+    for (x, y) in a.into_iter().zip(b) {
+        difference = difference.max((x - y).abs());
+        size = size.max(y.abs());
+    }
+    difference / size
+}

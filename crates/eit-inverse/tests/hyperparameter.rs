@@ -1,0 +1,264 @@
+//! Rules for the hyperparameter against what they claim to find.
+
+#![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
+
+mod common;
+
+use common::{Random, disc, jacobian, target};
+use eit_inverse::{
+    Difference, DifferenceSettings, HyperparameterChoice, HyperparameterStatus, InverseError,
+    Laplace, LaplaceSettings, NoiseTarget, Prior, Tikhonov,
+};
+use eit_mesh::Surface;
+use ndarray::{Array1, Array2, ArrayView2, Axis};
+
+const RADIUS_M: f64 = 0.1;
+
+struct Identity;
+
+impl Prior for Identity {
+    fn name(&self) -> &'static str {
+        "identity"
+    }
+
+    fn covariance_times(&self, jacobian: ArrayView2<'_, f64>) -> Result<Array2<f64>, InverseError> {
+        Ok(jacobian.to_owned())
+    }
+}
+
+fn scene() -> (Surface, Array2<f64>) {
+    let surface = disc(RADIUS_M, 10);
+    let jacobian = jacobian(&surface, RADIUS_M, 16);
+    (surface, jacobian)
+}
+
+fn with_noise(signal: &Array1<f64>, std: f64, frames: usize, random: &mut Random) -> Array2<f64> {
+    Array2::from_shape_fn((frames, signal.len()), |(_, i)| signal[i] + std * random.normal())
+}
+
+#[test]
+fn fixed_is_what_is_given() {
+    let (surface, jacobian) = scene();
+    let prior = Tikhonov::new(&surface);
+    let mut inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+    let chosen = inverse.choose_hyperparameter(&HyperparameterChoice::Fixed(0.2)).unwrap();
+    assert_eq!((chosen.hyperparameter, chosen.status), (0.2, HyperparameterStatus::Given));
+    assert_eq!(inverse.report().hyperparameter, 0.2);
+    assert!(inverse.choose_hyperparameter(&HyperparameterChoice::Fixed(-0.2)).is_err());
+}
+
+#[test]
+fn noise_figure_is_reached_and_agrees_with_monte_carlo() {
+    let (surface, jacobian) = scene();
+    let target = NoiseTarget::central(&surface, &jacobian).unwrap();
+    let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
+    let mut random = Random(11);
+    let noise_std: Vec<f64> = (0..208).map(|_| 0.5 + random.uniform()).collect();
+    let settings = DifferenceSettings { noise_std: Some(noise_std.clone()), ..Default::default() };
+    let mut inverse = Difference::new(&jacobian, &prior, settings).unwrap();
+    let areas = surface.areas_m2();
+    let total: f64 = areas.iter().sum();
+    for figure in [0.5, 1.0, 2.0] {
+        let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
+        let chosen = inverse.choose_hyperparameter(&choice).unwrap();
+        assert_eq!(chosen.status, HyperparameterStatus::NoiseFigureReached);
+        assert!((chosen.criterion / figure - 1.0).abs() < 0.01, "{}", chosen.criterion);
+        // noise of the given standard deviations through the reconstruction itself
+        let reference = vec![0.0; 208];
+        let image = inverse.reconstruct(&target.signal_v, &reference).unwrap();
+        let signal = image.iter().zip(areas).map(|(x, a)| x.abs() * a).sum::<f64>() / total;
+        let draws = 2000;
+        let noise = Array2::from_shape_fn((draws, 208), |(_, i)| noise_std[i] * random.normal());
+        let images = inverse.reconstruct_frames(noise.view(), &reference).unwrap();
+        let variance = images
+            .axis_iter(Axis(1))
+            .zip(areas)
+            .map(|(x, a)| x.iter().map(|v| v * v).sum::<f64>() / draws as f64 * a)
+            .sum::<f64>()
+            / total;
+        let data: f64 =
+            target.signal_v.iter().zip(&noise_std).map(|(v, e)| (v / e).abs()).sum::<f64>() / 208.0;
+        let sampled = data / (signal / variance.sqrt());
+        // relative standard error of a standard deviation over 2000 draws and a few degrees of
+        // freedom: 1 / sqrt(2 * 2000) = 1.6 %; three of them
+        assert!((sampled / figure - 1.0).abs() < 0.05, "{sampled} for {figure}");
+    }
+}
+
+#[test]
+fn noise_figure_falls_with_lambda_and_says_when_it_cannot_be_had() {
+    let (surface, jacobian) = scene();
+    let target = NoiseTarget::central(&surface, &jacobian).unwrap();
+    let prior = Tikhonov::new(&surface);
+    let mut inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+    let choice = HyperparameterChoice::NoiseFigure { figure: 1e9, target: &target };
+    let chosen = inverse.choose_hyperparameter(&choice).unwrap();
+    assert_eq!(chosen.status, HyperparameterStatus::NoiseFigureUnreachable);
+    let largest = chosen.curve.iter().map(|p| p.criterion).fold(0.0, f64::max);
+    assert!((chosen.criterion / largest - 1.0).abs() < 1e-12, "the nearest is used");
+    // the branch that is searched: from where damping begins to the least value near 1
+    let branch: Vec<f64> = chosen
+        .curve
+        .iter()
+        .filter(|p| (1e-4..1.0).contains(&p.hyperparameter))
+        .map(|p| p.criterion)
+        .collect();
+    assert!(branch.len() > 20 && branch.is_sorted_by(|a, b| a > b), "{branch:?}");
+    // on it, a figure that also occurs beyond the least value is found at the smaller lambda
+    let figure = chosen.curve.last().unwrap().criterion;
+    let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
+    assert!(inverse.choose_hyperparameter(&choice).unwrap().hyperparameter < 1.0);
+    let zero = NoiseTarget { signal_v: vec![0.0; 208], ..target };
+    let choice = HyperparameterChoice::NoiseFigure { figure: 1.0, target: &zero };
+    assert!(matches!(
+        inverse.choose_hyperparameter(&choice),
+        Err(InverseError::NoDifference { .. })
+    ));
+}
+
+#[test]
+fn cross_validation_finds_the_lambda_of_least_prediction_error() {
+    let (surface, jacobian) = scene();
+    let truth = Array1::from(target(&surface, [0.03, 0.03], 0.025, 1.0));
+    let signal = jacobian.dot(&truth);
+    let rms = (signal.mapv(|v| v * v).mean().unwrap()).sqrt();
+    let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
+    let mut inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+    let reference = vec![0.0; 208];
+    for (seed, relative_noise) in [(21, 0.3), (22, 0.03), (23, 0.003)] {
+        let frames = with_noise(&signal, relative_noise * rms, 10, &mut Random(seed));
+        let choice =
+            HyperparameterChoice::Gcv { frames: frames.view(), reference_frame: &reference };
+        let chosen = inverse.choose_hyperparameter(&choice).unwrap();
+        assert_eq!(chosen.status, HyperparameterStatus::Interior);
+        let mut prediction_error = |hyperparameter: f64| {
+            inverse.set_hyperparameter(hyperparameter).unwrap();
+            let images = inverse.reconstruct_frames(frames.view(), &reference).unwrap();
+            (images.dot(&jacobian.t()) - &signal).mapv(|x| x * x).sum()
+        };
+        let best = chosen
+            .curve
+            .iter()
+            .map(|p| p.hyperparameter)
+            .min_by(|&a, &b| prediction_error(a).total_cmp(&prediction_error(b)))
+            .unwrap();
+        let ratio = chosen.hyperparameter / best;
+        let loss = prediction_error(chosen.hyperparameter) / prediction_error(best);
+        // the minimum is flat: a factor 2 in lambda costs a few percent of prediction error
+        assert!((0.5..2.0).contains(&ratio), "noise {relative_noise}: ratio {ratio}");
+        assert!(loss < 1.1, "noise {relative_noise}: loss {loss}");
+    }
+}
+
+#[test]
+fn cross_validation_of_noise_free_data_ends_at_the_lower_edge() {
+    let (surface, jacobian) = scene();
+    let prior = Tikhonov::new(&surface);
+    // data in the range of the Jacobian's smallest eigenvector too: any damping costs
+    let truth = Array1::from_iter((0..jacobian.ncols()).map(|_| 0.0));
+    let mut random = Random(31);
+    let signal = jacobian.dot(&truth.mapv(|_| random.normal()));
+    let mut inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+    let reference = vec![0.0; 208];
+    let frames = signal.clone().insert_axis(Axis(0));
+    let choice = HyperparameterChoice::Gcv { frames: frames.view(), reference_frame: &reference };
+    let chosen = inverse.choose_hyperparameter(&choice).unwrap();
+    assert_eq!(chosen.status, HyperparameterStatus::AtLowerEdge);
+    let none = Array2::zeros((0, 208));
+    let choice = HyperparameterChoice::Gcv { frames: none.view(), reference_frame: &reference };
+    assert!(matches!(
+        inverse.choose_hyperparameter(&choice),
+        Err(InverseError::NoDifference { .. })
+    ));
+    let same = signal.to_vec();
+    let choice = HyperparameterChoice::LCurve { frames: frames.view(), reference_frame: &same };
+    assert!(matches!(
+        inverse.choose_hyperparameter(&choice),
+        Err(InverseError::NoDifference { rule: "L-curve" })
+    ));
+}
+
+/// Shaw's one-dimensional image restoration problem, discretised as in Hansen's Regularization
+/// Tools (`shaw`): matrix, solution.
+fn shaw(n: usize) -> (Array2<f64>, Array1<f64>) {
+    let h = std::f64::consts::PI / n as f64;
+    let angle = |i: usize| (i as f64 + 0.5) * h - std::f64::consts::FRAC_PI_2;
+    let matrix = Array2::from_shape_fn((n, n), |(i, j)| {
+        let (s, t) = (angle(i), angle(j));
+        let u = std::f64::consts::PI * (s.sin() + t.sin());
+        let sinc = if u.abs() < 1e-9 { 1.0 } else { u.sin() / u };
+        h * ((s.cos() + t.cos()) * sinc).powi(2)
+    });
+    let solution = Array1::from_shape_fn(n, |j| {
+        let t = angle(j);
+        2.0 * (-6.0 * (t - 0.8).powi(2)).exp() + (-2.0 * (t + 0.5).powi(2)).exp()
+    });
+    (matrix, solution)
+}
+
+#[test]
+fn l_curve_corner_of_shaw_s_problem_is_near_the_best_lambda() {
+    let (matrix, solution) = shaw(32);
+    let signal = matrix.dot(&solution);
+    let mut inverse = Difference::new(&matrix, &Identity, DifferenceSettings::default()).unwrap();
+    let reference = vec![0.0; 32];
+    for (seed, std) in [(41, 1e-3), (42, 1e-2), (43, 1e-4)] {
+        let frames = with_noise(&signal, std, 1, &mut Random(seed));
+        let choice =
+            HyperparameterChoice::LCurve { frames: frames.view(), reference_frame: &reference };
+        let chosen = inverse.choose_hyperparameter(&choice).unwrap();
+        assert_eq!(chosen.status, HyperparameterStatus::Interior);
+        let frame = frames.row(0).to_vec();
+        let mut error = |hyperparameter: f64| {
+            inverse.set_hyperparameter(hyperparameter).unwrap();
+            let image = inverse.reconstruct(&frame, &reference).unwrap();
+            (&image - &solution).mapv(|x| x * x).sum().sqrt() / solution.dot(&solution).sqrt()
+        };
+        let best = chosen
+            .curve
+            .iter()
+            .map(|p| p.hyperparameter)
+            .min_by(|&a, &b| error(a).total_cmp(&error(b)))
+            .unwrap();
+        let (at_corner, at_best) = (error(chosen.hyperparameter), error(best));
+        // Hansen 2001, section 7: the corner lies within an order of magnitude of the optimum and
+        // its error within a small factor
+        assert!((0.05..20.0).contains(&(chosen.hyperparameter / best)), "std {std}");
+        assert!(at_corner < 4.0 * at_best, "std {std}: {at_corner} {at_best}");
+    }
+}
+
+#[test]
+fn l_curve_curvature_is_that_of_the_curve() {
+    let (matrix, solution) = shaw(24);
+    let signal = matrix.dot(&solution);
+    let mut inverse = Difference::new(&matrix, &Identity, DifferenceSettings::default()).unwrap();
+    let reference = vec![0.0; 24];
+    let frames = with_noise(&signal, 1e-3, 1, &mut Random(51));
+    let frame = frames.row(0).to_vec();
+    let choice =
+        HyperparameterChoice::LCurve { frames: frames.view(), reference_frame: &reference };
+    let chosen = inverse.choose_hyperparameter(&choice).unwrap();
+    let mut point = |hyperparameter: f64| {
+        inverse.set_hyperparameter(hyperparameter).unwrap();
+        let image = inverse.reconstruct(&frame, &reference).unwrap();
+        let residual = (matrix.dot(&image) - frames.row(0)).mapv(|x| x * x).sum().sqrt();
+        [residual.ln(), image.dot(&image).sqrt().ln()]
+    };
+    let largest = chosen.curve.iter().map(|p| p.criterion.abs()).fold(0.0, f64::max);
+    let mut compared = 0;
+    for at in chosen.curve.iter().filter(|p| (1e-3..0.3).contains(&p.hyperparameter)) {
+        let step = 0.01_f64;
+        let [before, here, after] = [-step, 0.0, step].map(|s| point(at.hyperparameter * s.exp()));
+        let [dx, dy] = [0, 1].map(|k| (after[k] - before[k]) / (2.0 * step));
+        let [ddx, ddy] = [0, 1].map(|k| (after[k] - 2.0 * here[k] + before[k]) / (step * step));
+        let expected = (dx * ddy - ddx * dy) / (dx * dx + dy * dy).powf(1.5);
+        // central differences of step 0.01 in log lambda: 1e-4 of the third derivatives
+        let error = (at.criterion - expected).abs();
+        assert!(error < 1e-3 * largest, "{at:?}: {expected}");
+        compared += 1;
+        assert!((at.residual_norm.ln() - here[0]).abs() < 1e-8);
+        assert!((at.solution_norm.ln() - here[1]).abs() < 1e-8);
+    }
+    assert!(compared > 15);
+}
