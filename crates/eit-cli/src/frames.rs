@@ -1,7 +1,7 @@
 //! Recorded frames and their reference, in the order of a scene's protocol.
 
 use crate::error::CliError;
-use crate::scene::{Component, FramesAre, OneOrManyFiles, Reference, Scene};
+use crate::scene::{Component, DifferenceKind, FramesAre, OneOrManyFiles, Reference, Scene};
 use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol, Protocol};
 use eit_hw::{Layout, OrderVerdict, Quality, ReadOptions, Unit};
 use ndarray::{Array2, Axis, concatenate};
@@ -60,14 +60,29 @@ pub(crate) fn load(
         loaded.quality.column(column).iter().all(|q| q.is_good())
             && reference_quality.as_ref().is_none_or(|q| q[column].is_good())
     };
-    let used: Vec<bool> = (0..protocol.measurements()).map(good).collect();
+    let mut used: Vec<bool> = (0..protocol.measurements()).map(good).collect();
     let mut notes = loaded.notes.clone();
-    let dropped = used.iter().filter(|u| !**u).count();
-    if dropped == used.len() {
-        return Err(CliError::input("no measurement is good in every frame and the reference"));
+    let mut leave_out = |used: &mut Vec<bool>, unwanted: &dyn Fn(usize) -> bool, why: &str| {
+        let before = used.iter().filter(|u| **u).count();
+        used.iter_mut().enumerate().for_each(|(i, u)| *u &= !unwanted(i));
+        let dropped = before - used.iter().filter(|u| **u).count();
+        if dropped > 0 {
+            notes.push(format!("{dropped} measurements left out: {why}"));
+        }
+    };
+    let flagged = protocol.measurements() - used.iter().filter(|u| **u).count();
+    let driven = on_driven_electrodes(protocol);
+    if !scene.reconstruction.use_driven_electrodes {
+        leave_out(&mut used, &|i| driven[i], "on current-carrying electrodes");
     }
-    if dropped > 0 {
-        notes.push(format!("{dropped} measurements left out: flagged bad in some frame"));
+    if crate::pipeline::difference_kind(scene, protocol) == DifferenceKind::Normalised {
+        leave_out(&mut used, &|i| reference[i] == 0.0, "zero in the reference frame");
+    }
+    if flagged > 0 {
+        notes.push(format!("{flagged} measurements left out: flagged bad in some frame"));
+    }
+    if !used.contains(&true) {
+        return Err(CliError::input(format!("no measurement is usable: {}", notes.join("; "))));
     }
     let mean = mean_over(&loaded.values, 0..loaded.values.nrows());
     let reciprocity_error = check_order(scene, protocol, &loaded, &mean, &mut notes)?;
@@ -138,6 +153,19 @@ fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded,
         ordered_by_file,
         notes,
     })
+}
+
+/// Whether a measurement touches an electrode that carries current, where two electrodes do.
+/// Patterns that drive many electrodes at once have no other measurements.
+fn on_driven_electrodes(protocol: &Protocol) -> Vec<bool> {
+    let (stimulations, senses) = (protocol.stimulations_a(), protocol.measurement_patterns());
+    let touches = |&[s, m]: &[u32; 2]| {
+        let drive = stimulations.row(s as usize);
+        let driven = drive.iter().filter(|i| **i != 0.0).count();
+        driven == 2
+            && drive.iter().zip(senses.row(m as usize)).any(|(i, w)| *i != 0.0 && *w != 0.0)
+    };
+    protocol.data().iter().map(touches).collect()
 }
 
 fn name_of(path: &Path) -> String {

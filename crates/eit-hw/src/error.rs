@@ -62,8 +62,8 @@ impl fmt::Display for Place {
 
 /// What a reader or a recording refuses. Each message is one line: where, what, how to mend it.
 ///
-/// Messages name keys of the scene file (`[recording] format`, `orientation`, `matrix` and
-/// `frequency_row`, `[protocol] driven_electrodes`) where setting one mends it.
+/// Messages name keys of the scene file (`[recording] format`, `frames_are`, `complex`, `component`
+/// and `frequency_row`, and some of `[protocol]` and `[electrodes]`) where setting one mends it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum HwError {

@@ -8,7 +8,9 @@ mod recording;
 
 pub use error::{At, HwError, Place};
 pub use frame::{Frame, Quadruple, Quality};
-pub use health::{OrderCandidate, OrderVerdict, reciprocity_error, recognise_order};
+pub use health::{
+    OrderCandidate, OrderVerdict, model_correlation, reciprocity_error, recognise_order,
+};
 pub use readers::{Format, ReadOptions, read_recording};
 pub use readers::{csv, goe, khu, lct, npy, sciospec, serial_log};
 pub use recording::{

@@ -13,13 +13,13 @@ mod common;
 
 use std::path::Path;
 
-use common::{ascending, ascending_kept, opposite, rotated, rotated_kept};
+use common::{ascending, ascending_kept, opposite, point_electrode_disc, rotated, rotated_kept};
 use eit_hw::csv::{CsvOptions, FrameOrientation};
 use eit_hw::npy::NpyOptions;
 use eit_hw::{
     At, Component, Format, HwError, Layout, MeasuredFrames, Note, OrderVerdict, Quadruple, Quality,
-    ReadOptions, Recording, SkipReason, SkippedFrame, Unit, read_recording, reciprocity_error,
-    recognise_order,
+    ReadOptions, Recording, SkipReason, SkippedFrame, Unit, model_correlation, read_recording,
+    reciprocity_error, recognise_order,
 };
 
 fn recognised(path: &Path) -> Recording {
@@ -192,7 +192,7 @@ fn pyeidors_columns_alternate() {
         }
         // read as rows, the file is refused with the right key
         let refused = recognised(&path).frames_for(None, 208, Component::Real).unwrap_err();
-        assert!(refused.to_string().contains("orientation = \"columns\""), "{refused}");
+        assert!(refused.to_string().contains("frames_are = \"columns\""), "{refused}");
     }
     let first = read_recording(&folder.join("electrode01_metal.csv"), None, &options).unwrap();
     // first row of the file
@@ -414,7 +414,7 @@ fn uef_matrix_is_one_frame() {
     // general patterns have no quadruples
     assert_eq!(frame.frames_for(None, 1264, Component::Real).unwrap().values.dim(), (1, 1264));
     let refused = matrix.frames_for(None, 1264, Component::Real).unwrap_err();
-    assert!(refused.to_string().contains("matrix = true"), "{refused}");
+    assert!(refused.to_string().contains("frames_are = \"matrix\""), "{refused}");
     // stated for the 16 adjacent patterns: 5.3 %
     let adjacent = &frame.real.as_slice().unwrap()[..256];
     let error = reciprocity_error(&ascending_kept(16), adjacent).unwrap();
@@ -450,6 +450,29 @@ fn hydrogel_has_no_reciprocal_pairs() {
     assert_eq!(verdict, OrderVerdict::Unclear { ours: None, best: None });
     let refused = recording.frames_for(None, 208, Component::Real).unwrap_err();
     assert!(refused.to_string().contains("opposite drive"), "{refused}");
+}
+
+/// Each recording with a model of the tank: the shape fits, the sign is the recording's own.
+#[test]
+fn sign_against_a_homogeneous_disc() {
+    let columns = CsvOptions { orientation: FrameOrientation::Columns, complex: true };
+    let options = ReadOptions { csv: columns, ..ReadOptions::default() };
+    for (file, order, sign) in [
+        ("sciospec_tank_adjacent", rotated(16), 1.0),
+        ("iirc_rod_2006/iirc_re_101x256.npy", ascending_kept(16), 1.0),
+        ("goe_mf2_ball/ball_200_frames.get", rotated(16), -1.0),
+        ("golf_ball_b/phantom_16elec_1planeB_256xN.npy", ascending_kept(16), -1.0),
+        ("lct_2004/water_1.txt", ascending(16), -1.0),
+        ("pyeidors_tank16/electrode01_metal.csv", rotated(16), -1.0),
+        ("umitooko_serial16/__3.txt", rotated(16), -1.0),
+    ] {
+        let Some(path) = fixtures::shared_data(file) else { continue };
+        let recording = read_recording(&path, None, &options).unwrap();
+        let mean = real_frames(&recording, &order).mean_frame();
+        let correlation = model_correlation(&mean, &point_electrode_disc(&order, 16)).unwrap();
+        // point electrodes, tanks with objects in them, and instruments of 20 years
+        assert!(sign * correlation > 0.95, "{file}: {correlation}");
+    }
 }
 
 #[test]

@@ -216,6 +216,20 @@ fn errors_at_the_edges() {
 }
 
 #[test]
+fn correlation_with_a_model() {
+    use eit_hw::model_correlation;
+    let model = [1.0, -2.0, 3.0];
+    let scaled = model.map(|value| -1e200 * value);
+    // squares, sum and root of numbers of order 1
+    assert!((model_correlation(&scaled, &model).unwrap() + 1.0).abs() < 1e-15);
+    assert!((model_correlation(&model, &model).unwrap() - 1.0).abs() < 1e-15);
+    assert_eq!(model_correlation(&[2.0, 1.0, 0.0], &model), Some(0.0));
+    assert_eq!(model_correlation(&[5.0, f64::NAN, 0.0], &[0.5, 1.0, f64::INFINITY]), Some(1.0));
+    assert_eq!(model_correlation(&[0.0; 3], &model), None);
+    assert_eq!(model_correlation(&model[..2], &model), None);
+}
+
+#[test]
 fn verdicts() {
     let frame: Vec<_> = ascending(16).iter().map(|&q| reciprocal(q, 1.0)).collect();
     let scene = rotated(16);

@@ -35,8 +35,8 @@ pub enum HyperparameterChoice<'a> {
     /// ```
     ///
     /// for the data `dv_t` of a small target and its image `x_t`. With elements of equal area this
-    /// is the figure as EIDORS computes it; the area weights make it independent of the mesh. Data is
-    /// weighted by `W^1/2`, which changes nothing where the noise is equal. The figure falls as
+    /// is the figure as EIDORS computes it; the area weights make it independent of the mesh. Data
+    /// is weighted by `W^1/2`, which changes nothing where the noise is equal. The figure falls as
     /// lambda grows, down to a least value (about 0.5 at lambda of order 1 for 16 electrodes), and
     /// rises a little beyond: the falling branch is searched. Bisection in log lambda until the
     /// figure is within 0.1 % of the wanted.

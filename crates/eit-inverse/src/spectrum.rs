@@ -10,10 +10,11 @@ use faer::{Accum, Col, Mat, MatRef, Par, Spec};
 /// `A = W^1/2 J P J' W^1/2 = U diag(d) U'`, with the eigenvalues at the noise floor left out.
 ///
 /// Where every pair both drives and measures, reciprocity repeats each measurement and half of the
-/// `m` eigenvalues vanish; `L` electrodes give at most `L (L - 1) / 2` others whatever the protocol.
-/// Eigenvectors of vanishing eigenvalues carry nothing: `|G' J' W^1/2 u|^2 = u' A u = 0` for `P = G G'`. Leaving them out is
-/// exact up to rounding, and it is stable for every hyperparameter: nothing at the rounding floor
-/// is ever divided by anything smaller.
+/// `m` eigenvalues vanish; `L` electrodes give at most `L (L - 1) / 2` others, whatever the
+/// protocol. Eigenvectors of vanishing eigenvalues carry nothing, since
+/// `|G' J' W^1/2 u|^2 = u' A u = 0` for `P = G G'`. Leaving them out is exact up to rounding, and
+/// it is stable for every hyperparameter: nothing at the rounding floor is ever divided by
+/// anything smaller.
 ///
 /// The order of work uses that rank `r`: pivoted Cholesky `A = L L'`, stopped at the floor
 /// `eps m max_i A_ii` (`m r^2` flops), then the singular values of `L`. At `m = 2356`,

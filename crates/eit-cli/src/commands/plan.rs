@@ -210,9 +210,9 @@ fn voltage_error(scene: &Scene, setup: &Setup) -> Result<Option<f64>, CliError> 
             .collect(),
         electrode_width_m: electrodes.width_m,
         contact_impedance_ohm_m,
-        // the layer under thin contacts needs more terms than the voltages do: 1e-5 is enough here
-        degree: 8,
-        harmonics: 1500,
+        // voltages change by less than 1e-6 from degree 8 to 24 on the paper-disc
+        degree: 12,
+        harmonics: 2000,
     };
     let exact = series.electrode_potentials(setup.protocol.stimulations_a())?;
     let background = vec![scene.skin.conductivity_s; setup.model.elements()];

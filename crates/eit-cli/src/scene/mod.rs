@@ -219,6 +219,9 @@ pub(crate) struct Reconstruction {
     pub hyperparameter: Option<Hyperparameter>,
     pub noise_figure: Option<f64>,
     pub difference: Option<DifferenceKind>,
+    /// Use measurements on electrodes that carry current too; they hold contact impedances.
+    #[serde(default)]
+    pub use_driven_electrodes: bool,
 }
 
 /// `reconstruction.prior`

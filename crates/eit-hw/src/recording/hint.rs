@@ -79,11 +79,11 @@ impl fmt::Display for CountHint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Transposed => f.write_str(
-                "rows and columns look swapped: set `[recording] orientation = \"columns\"`",
+                "rows and columns look swapped: set `[recording] frames_are = \"columns\"`",
             ),
             Self::OneFrame => f.write_str(
-                "all values together are one frame: set `[recording] matrix = true`, or write the \
-                 frame in one row",
+                "all values together are one frame: write them in one row, or set `[recording] \
+                 frames_are = \"matrix\"` for an NPY matrix [measurement, pattern]",
             ),
             Self::Complex => f.write_str(
                 "real and imaginary parts look to be side by side: keep one, or save complex NPY",

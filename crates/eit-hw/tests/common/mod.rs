@@ -46,3 +46,16 @@ pub fn opposite(n: u32) -> Vec<Quadruple> {
 pub fn name(text: &str) -> PathBuf {
     Path::new(text).to_path_buf()
 }
+
+/// Voltages for 1 A and 1 S of `n` equally spaced point electrodes on the rim of a homogeneous
+/// disc: the potential at a distance r from a source on the rim is -ln(r) / pi, up to a constant.
+pub fn point_electrode_disc(quadruples: &[Quadruple], n: u32) -> Vec<f64> {
+    let pi = std::f64::consts::PI;
+    let distance = |i: u32, j: u32| 2.0 * (pi * f64::from(i.abs_diff(j)) / f64::from(n)).sin();
+    let voltage = |&[a, b, m, n]: &Quadruple| {
+        let potential = |at: u32| (distance(at, b) / distance(at, a)).ln() / pi;
+        // infinite or NaN on a driven electrode
+        potential(m) - potential(n)
+    };
+    quadruples.iter().map(voltage).collect()
+}
