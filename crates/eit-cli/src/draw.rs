@@ -13,8 +13,7 @@ pub(crate) fn skin(mesh: &Mesh, raster: &Raster) -> SkinDrawing {
 /// The skin of a mesh, its extent the bounding box.
 pub(crate) fn skin_of_mesh(mesh: &Mesh) -> SkinDrawing {
     let [low, high] = mesh.surface().bounds_m();
-    let extent =
-        Extent { x_min_m: low[0], x_max_m: high[0], y_min_m: low[1], y_max_m: high[1] };
+    let extent = Extent { x_min_m: low[0], x_max_m: high[0], y_min_m: low[1], y_max_m: high[1] };
     skin_with_extent(mesh, extent)
 }
 

@@ -35,6 +35,57 @@ struct Loaded {
     notes: Vec<String>,
 }
 
+/// How the homogeneous model explains a reference frame.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct ModelFit {
+    /// Factor `g` of the best `v_ref = g v0`.
+    pub gain: f64,
+    /// Cosine between the two.
+    pub correlation: f64,
+}
+
+impl Frames {
+    /// Compares the reference with the model's voltages. A wrong sign inverts plain differences,
+    /// and reciprocity cannot see it.
+    pub fn fit_model(
+        &mut self,
+        model_voltages: &[f64],
+        kind: DifferenceKind,
+        conductivity_s: f64,
+    ) -> Result<ModelFit, CliError> {
+        let usable = |values: &[f64]| -> Vec<f64> {
+            values.iter().zip(&self.used).filter(|(_, used)| **used).map(|(v, _)| *v).collect()
+        };
+        let (model, reference) = (usable(model_voltages), usable(&self.reference));
+        let Some(correlation) = eit_hw::model_correlation(&reference, &model) else {
+            return Err(CliError::input("the reference frame is zero in every used measurement"));
+        };
+        let product: f64 = model.iter().zip(&reference).map(|(m, r)| m * r).sum();
+        let gain = product / model.iter().map(|m| m * m).sum::<f64>();
+        let plain = kind == DifferenceKind::Plain;
+        if plain && correlation < -0.5 {
+            return Err(CliError::input(format!(
+                "the reference frame has the opposite sign of the model (correlation \
+                 {correlation:.3}): images would be inverted; set [recording] scale = -1"
+            )));
+        }
+        if correlation.abs() < 0.9 {
+            self.notes.push(format!(
+                "the homogeneous model explains the reference badly (correlation \
+                 {correlation:.3}): check the protocol and the number and order of electrodes"
+            ));
+        }
+        if plain && !(0.5..=2.0).contains(&gain) {
+            self.notes.push(format!(
+                "voltages are {gain:.3} times the model's, so image values are off: set \
+                 [skin] conductivity_s = {:.3e}, or [recording] scale",
+                conductivity_s / gain
+            ));
+        }
+        Ok(ModelFit { gain, correlation })
+    }
+}
+
 /// Reads the frames of a scene: `files` and `reference` of the command line come first.
 pub(crate) fn load(
     scene: &Scene,
@@ -44,9 +95,7 @@ pub(crate) fn load(
 ) -> Result<Frames, CliError> {
     let files = match (files, &scene.recording.file) {
         ([], Some(OneOrManyFiles::One(file))) => vec![scene.resolve(file)],
-        ([], Some(OneOrManyFiles::Many(files))) => {
-            files.iter().map(|f| scene.resolve(f)).collect()
-        }
+        ([], Some(OneOrManyFiles::Many(files))) => files.iter().map(|f| scene.resolve(f)).collect(),
         ([], None) => {
             let message = "no frames: give --frames F, or [recording] file in the scene";
             return Err(CliError::input(message));
@@ -108,6 +157,11 @@ fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded,
     if let Some(row) = keys.frequency_row {
         options.sciospec.frequency_row = row;
     }
+    let scale = keys.scale.unwrap_or(1.0);
+    if !scale.is_finite() || scale == 0.0 {
+        let message = format!("recording.scale is {scale}: it must be finite and not zero");
+        return Err(CliError::input(message));
+    }
     let format = keys.format.as_deref().map(str::parse).transpose()?;
     let component = match keys.component {
         Component::Real => eit_hw::Component::Real,
@@ -125,6 +179,7 @@ fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded,
         if frames.unit == Unit::Ohm {
             frames.values *= drive_current_a(protocol);
         }
+        frames.values *= scale;
         notes.extend(recording.notes.iter().map(|n| format!("{}: {n}", name_of(file))));
         if recording.skipped.frames > 0 {
             let first = recording.skipped.first.first().map(|s| format!(" (first: {s})"));
@@ -162,8 +217,7 @@ fn on_driven_electrodes(protocol: &Protocol) -> Vec<bool> {
     let touches = |&[s, m]: &[u32; 2]| {
         let drive = stimulations.row(s as usize);
         let driven = drive.iter().filter(|i| **i != 0.0).count();
-        driven == 2
-            && drive.iter().zip(senses.row(m as usize)).any(|(i, w)| *i != 0.0 && *w != 0.0)
+        driven == 2 && drive.iter().zip(senses.row(m as usize)).any(|(i, w)| *i != 0.0 && *w != 0.0)
     };
     protocol.data().iter().map(touches).collect()
 }

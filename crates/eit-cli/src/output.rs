@@ -38,8 +38,7 @@ impl OutFile {
         let Self { path, temporary } = self;
         let mut writer = BufWriter::new(temporary);
         content(&mut writer)?;
-        let temporary =
-            writer.into_inner().map_err(|e| CliError::at(&path, e.error()))?;
+        let temporary = writer.into_inner().map_err(|e| CliError::at(&path, e.error()))?;
         temporary.persist(&path).map_err(|e| CliError::at(&path, e.error))?;
         Ok(())
     }

@@ -74,7 +74,9 @@ pub(crate) fn setup(
     let mesh = progress.stage("mesh", || wanted.build())?;
     let electrodes = mesh.electrodes().len();
     if electrodes == 0 {
-        return Err(CliError::input("the mesh has no electrode: name physical lines electrode_1 .."));
+        return Err(CliError::input(
+            "the mesh has no electrode: name physical lines electrode_1 ..",
+        ));
     }
     let protocol = scene.protocol(electrodes)?;
     let impedance = scene.contact_impedance(electrodes)?;
@@ -158,9 +160,8 @@ pub(crate) fn imaging(
     let mut difference = progress.stage("reconstruction matrix", || {
         Difference::new(&linearised.jacobian, prior.as_ref(), settings)
     })?;
-    let (chosen, rule) = progress.stage("hyperparameter", || {
-        choose(scene, setup, linearised, frames, &mut difference)
-    })?;
+    let (chosen, rule) = progress
+        .stage("hyperparameter", || choose(scene, setup, linearised, frames, &mut difference))?;
     let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
     let raster = progress.stage("raster", || Raster::new(setup.mesh.surface(), pixels))?;
     Ok(Imaging { difference, chosen, rule, raster, kind })
@@ -200,7 +201,11 @@ fn choose(
 
 impl Imaging {
     /// Images [frame, row, column] in siemens, NaN outside the skin.
-    pub fn images(&self, frames: &Frames, progress: &mut Progress) -> Result<Array3<f64>, CliError> {
+    pub fn images(
+        &self,
+        frames: &Frames,
+        progress: &mut Progress,
+    ) -> Result<Array3<f64>, CliError> {
         progress.stage("images", || {
             let pixels = self
                 .difference

@@ -37,7 +37,8 @@ impl Progress {
         work: impl FnOnce(&ProgressBar) -> Result<T, E>,
     ) -> Result<T, E> {
         // draws to stderr, and only if that is a terminal
-        let bar = if steps > 0 { ProgressBar::new(steps as u64) } else { ProgressBar::new_spinner() };
+        let bar =
+            if steps > 0 { ProgressBar::new(steps as u64) } else { ProgressBar::new_spinner() };
         let template = if steps > 0 {
             "{spinner} {msg:<28} {wide_bar} {pos}/{len} {eta}"
         } else {

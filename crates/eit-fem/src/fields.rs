@@ -22,6 +22,8 @@ pub(crate) struct Fields {
     pub basis: Array2<f64>,
     /// Each field as a sparse combination of basis fields: (solve, coefficient).
     pub combinations: Vec<Vec<(u32, f64)>>,
+    /// Where each field's values stand: the basis fields first, then the other fields in order.
+    pub slots: Vec<u32>,
     /// For each stimulation its field and the factor between them.
     pub stimulations: Vec<(u32, f64)>,
     /// Field products: `fields` and the data that are `factor` times it.
@@ -61,7 +63,29 @@ impl Fields {
         let basis = Array2::from_shape_fn((chosen.len(), protocol.electrodes()), |(r, e)| {
             patterns[chosen[r]][e]
         });
-        Self { basis, combinations, stimulations, products }
+        let mut next = basis.nrows() as u32;
+        let slots = combinations.iter().map(|c| {
+            basis_field(c).unwrap_or_else(|| {
+                next += 1;
+                next - 1
+            })
+        });
+        let slots = slots.collect();
+        Self { basis, combinations, slots, stimulations, products }
+    }
+
+    /// Number of slots: the basis fields and the fields that are combinations of several.
+    pub fn slot_count(&self) -> usize {
+        let combined = self.combinations.iter().filter(|c| basis_field(c).is_none());
+        self.basis.nrows() + combined.count()
+    }
+}
+
+/// The basis field that a combination is, if it is one.
+pub(crate) fn basis_field(combination: &[(u32, f64)]) -> Option<u32> {
+    match combination {
+        [(solve, 1.0)] => Some(*solve),
+        _ => None,
     }
 }
 

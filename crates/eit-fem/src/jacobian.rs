@@ -6,33 +6,48 @@
 //! products, 208 e values written, 8 bytes each. The stores are the floor: 66 MB at 40 000
 //! elements, 7 to 13 ms at 5 to 10 GB/s.
 
+use crate::fields::basis_field;
 use crate::forward::ForwardModel;
 use ndarray::ArrayViewMut2;
+use std::ops::Range;
 
 /// Elements per block: 16 fields x 2 components x 256 x 8 bytes = 64 KiB of gradients, and rows
 /// are written in runs of half a page.
 const BLOCK: usize = 256;
 
+/// Values from one component of a field to the next. Eight more than a block, or all fields of
+/// one element would fall into two of the sixty-four sets of a first-level cache.
+const STRIDE: usize = BLOCK + 8;
+
 /// Memory of one block.
 pub(crate) struct Block {
-    /// Scaled gradients of basis fields [solve, component, element].
-    basis: Vec<f64>,
-    /// The same of all fields [field, component, element].
-    fields: Vec<f64>,
+    /// Scaled gradients [slot, component, element]; see `Fields::slots`.
+    gradients: Vec<f64>,
     /// One product of fields.
     product: Vec<f64>,
 }
 
 impl Block {
+    /// Number of values in the memory.
+    pub fn size(&self) -> usize {
+        self.gradients.len()
+    }
+
+    /// [`Block::size`] of the memory for a model.
+    pub fn size_for(model: &ForwardModel) -> usize {
+        model.fields.slot_count() * 2 * STRIDE
+    }
+
     /// Memory for a model.
     pub fn new(model: &ForwardModel) -> Self {
-        let fields = &model.fields;
-        Self {
-            basis: vec![0.0; fields.basis.nrows() * 2 * BLOCK],
-            fields: vec![0.0; fields.combinations.len() * 2 * BLOCK],
-            product: vec![0.0; BLOCK],
-        }
+        Self { gradients: vec![0.0; Self::size_for(model)], product: vec![0.0; BLOCK] }
     }
+}
+
+/// The two components of a slot.
+fn components(slot: u32) -> [Range<usize>; 2] {
+    let at = slot as usize * 2 * STRIDE;
+    [at..at + BLOCK, at + STRIDE..at + STRIDE + BLOCK]
 }
 
 /// Fills `jacobian` [measurement, element] from potentials [unknown, solve].
@@ -44,13 +59,12 @@ pub(crate) fn fill(
 ) {
     for start in (0..model.elements.len()).step_by(BLOCK) {
         let count = BLOCK.min(model.elements.len() - start);
-        gradients(model, potentials, start, count, &mut block.basis);
-        combine(model, count, block);
+        gradients(model, potentials, start, count, &mut block.gradients);
+        combine(model, &mut block.gradients);
         for product in &model.fields.products {
-            let [f, g] = product.fields.map(|i| i as usize * 2 * BLOCK);
-            let (f, g) = (&block.fields[f..f + 2 * BLOCK], &block.fields[g..g + 2 * BLOCK]);
-            let (fx, fy) = f.split_at(BLOCK);
-            let (gx, gy) = g.split_at(BLOCK);
+            let [[fx, fy], [gx, gy]] = product.fields.map(|field| {
+                components(model.fields.slots[field as usize]).map(|c| &block.gradients[c])
+            });
             let values = &mut block.product[..count];
             for (i, value) in values.iter_mut().enumerate() {
                 *value = -(fx[i] * gx[i] + fy[i] * gy[i]);
@@ -89,23 +103,23 @@ fn gradients(
         let [u0, u1, u2] = model.triangles[start + i].map(row);
         for r in 0..solves {
             let [x, y] = element.gradient([u0[r], u1[r], u2[r]]);
-            out[2 * BLOCK * r + i] = x;
-            out[2 * BLOCK * r + BLOCK + i] = y;
+            out[2 * STRIDE * r + i] = x;
+            out[2 * STRIDE * r + STRIDE + i] = y;
         }
     }
 }
 
-/// All fields of one block from the basis fields.
-fn combine(model: &ForwardModel, count: usize, block: &mut Block) {
-    for (field, combination) in model.fields.combinations.iter().enumerate() {
-        let out = &mut block.fields[field * 2 * BLOCK..(field + 1) * 2 * BLOCK];
+/// The fields of one block that are not basis fields, as combinations of those.
+fn combine(model: &ForwardModel, gradients: &mut [f64]) {
+    let fields = &model.fields;
+    let (basis, others) = gradients.split_at_mut(2 * STRIDE * fields.basis.nrows());
+    let combined = fields.combinations.iter().filter(|c| basis_field(c).is_none());
+    for (out, combination) in others.chunks_exact_mut(2 * STRIDE).zip(combined) {
         out.fill(0.0);
         for &(solve, coefficient) in combination {
-            let basis = &block.basis[solve as usize * 2 * BLOCK..][..2 * BLOCK];
-            for component in [0..count, BLOCK..BLOCK + count] {
-                for (o, b) in out[component.clone()].iter_mut().zip(&basis[component]) {
-                    *o += coefficient * b;
-                }
+            let field = &basis[solve as usize * 2 * STRIDE..][..2 * STRIDE];
+            for (o, b) in out.iter_mut().zip(field) {
+                *o += coefficient * b;
             }
         }
     }

@@ -1,4 +1,4 @@
-//! placeholder
+#![doc = include_str!("../README.md")]
 
 pub mod analytic;
 mod assembly;
@@ -9,8 +9,10 @@ mod fields;
 mod forward;
 mod jacobian;
 mod protocol;
+mod solution;
 mod solver;
 
 pub use error::FemError;
-pub use forward::{ForwardModel, ModelCost, Solution, SolveReport, Workspace};
+pub use forward::{ForwardModel, ModelCost};
 pub use protocol::{DrivenElectrodes, Order, PairPattern, PairProtocol, Protocol};
+pub use solution::{Solution, SolveReport, Workspace};

@@ -11,7 +11,7 @@
 
 use crate::FemError;
 use crate::assembly::{Adjacency, Assembly};
-use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::LltError;
 use faer::linalg::triangular_solve;
 use faer::prelude::*;
@@ -45,10 +45,19 @@ pub(crate) fn order(graph: &Adjacency) -> Result<Vec<u32>, FemError> {
     Ok(new_from_old)
 }
 
+impl Factor {
+    /// Numbers of matrix values and factor entries, and bytes of scratch memory.
+    pub fn sizes(&self) -> (usize, usize, usize) {
+        (self.values.len(), self.factor.len(), self.scratch_bytes)
+    }
+}
+
 /// The symbolic factorisation of one pattern.
 #[derive(Debug)]
 pub(crate) struct Solver {
     symbolic: cholesky::SymbolicCholesky<u32>,
+    /// Scratch memory of one factorisation.
+    scratch: StackReq,
     /// Unknowns of nodes; the rest are electrodes.
     nodes: usize,
     unknowns: usize,
@@ -60,6 +69,7 @@ pub(crate) struct Factor {
     pub values: Vec<f64>,
     factor: Vec<f64>,
     memory: MemBuffer,
+    scratch_bytes: usize,
     /// Trailing block of the factor, electrodes only.
     trailing: Mat<f64>,
     gathered: Vec<f64>,
@@ -88,7 +98,8 @@ impl Solver {
             params,
         )
         .map_err(|_| FemError::OutOfMemory { unknowns })?;
-        Ok(Self { symbolic, nodes, unknowns })
+        let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
+        Ok(Self { symbolic, scratch, nodes, unknowns })
     }
 
     /// Entries of the factor, zeros inside supernodes included.
@@ -111,17 +122,21 @@ impl Solver {
             .sum()
     }
 
+    /// Bytes of scratch memory of one factorisation.
+    pub fn scratch_bytes(&self) -> usize {
+        self.scratch.unaligned_bytes_required()
+    }
+
     /// Memory for the numbers.
     pub fn factor(&self, assembly: &Assembly) -> Result<Factor, FemError> {
         let electrodes = self.unknowns - self.nodes;
-        let scratch =
-            self.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
-        let memory = MemBuffer::try_new(scratch)
+        let memory = MemBuffer::try_new(self.scratch)
             .map_err(|_| FemError::OutOfMemory { unknowns: self.unknowns })?;
         Ok(Factor {
             values: vec![0.0; assembly.entry_count()],
             factor: vec![0.0; self.symbolic.len_val()],
             memory,
+            scratch_bytes: self.scratch_bytes(),
             trailing: Mat::zeros(electrodes, electrodes),
             gathered: Vec::new(),
         })

@@ -231,7 +231,8 @@ fn comparison(
     skin: &crate::picture::SkinDrawing,
     settings: &PictureSettings,
 ) -> Result<crate::picture::Canvas, CliError> {
-    let chosen = [0, 6, 12, FRAMES[0], FRAMES[0] + 5, FRAMES[0] + 10];
+    // four to a row: the truth stands over its image
+    let chosen = [3, 14, FRAMES[0], FRAMES[0] + 10];
     let mut panels = Vec::new();
     let mut labels = Vec::new();
     for (name, source) in [("truth", truth), ("image", images)] {
@@ -240,8 +241,7 @@ fn comparison(
             labels.push(format!("{name}, frame {f}"));
         }
     }
-    let stacked =
-        ndarray::stack(Axis(0), &panels).map_err(|e| CliError::Failure(e.to_string()))?;
+    let stacked = ndarray::stack(Axis(0), &panels).map_err(|e| CliError::Failure(e.to_string()))?;
     let settings = PictureSettings { labels: FrameLabels::Text(labels), ..settings.clone() };
     Ok(draw_sheet(stacked.view(), skin, &settings)?)
 }

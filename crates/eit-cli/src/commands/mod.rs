@@ -33,11 +33,7 @@ fn solve_json(report: &SolveReport) -> Value {
 }
 
 /// The conductivity to solve for: a file's, checked for length, or the scene's background.
-fn conductivity(
-    scene: &Scene,
-    file: Option<&Path>,
-    elements: usize,
-) -> Result<Vec<f64>, CliError> {
+fn conductivity(scene: &Scene, file: Option<&Path>, elements: usize) -> Result<Vec<f64>, CliError> {
     let Some(path) = file else { return Ok(vec![scene.skin.conductivity_s; elements]) };
     let recording = eit_hw::read_recording(path, None, &eit_hw::ReadOptions::default())?;
     let values: Vec<f64> = recording.real.iter().copied().collect();

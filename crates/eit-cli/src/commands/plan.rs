@@ -91,7 +91,10 @@ fn stages(scene: &Scene, setup: &Setup) -> Vec<Stage> {
             time_s: 1e-5 * quality.nodes as f64,
             why: match scene.skin.shape {
                 Shape::Mesh => "read from the scene's file".to_owned(),
-                _ => format!("graded to the electrode ends, mean quality {:.3}", quality.mean_quality),
+                _ => format!(
+                    "graded to the electrode ends, mean quality {:.3}",
+                    quality.mean_quality
+                ),
             },
         },
         Stage {
@@ -160,13 +163,20 @@ fn left_out(scene: &Scene, setup: &Setup) -> Vec<(&'static str, String)> {
     let (m, products) = (setup.protocol.measurements(), cost.field_products);
     let mut list = vec![
         ("complex arithmetic", "the scene has no reactive part".to_owned()),
-        ("forward sweeps", "currents enter at electrodes only, which are eliminated last".to_owned()),
+        (
+            "forward sweeps",
+            "currents enter at electrodes only, which are eliminated last".to_owned(),
+        ),
         (
             "field solves",
-            format!("{} of {} patterns: the others are combinations", {
-                (patterns + setup.protocol.measurement_patterns().nrows())
-                    .saturating_sub(cost.field_solves)
-            }, patterns + setup.protocol.measurement_patterns().nrows()),
+            format!(
+                "{} of {} patterns: the others are combinations",
+                {
+                    (patterns + setup.protocol.measurement_patterns().nrows())
+                        .saturating_sub(cost.field_solves)
+                },
+                patterns + setup.protocol.measurement_patterns().nrows()
+            ),
         ),
     ];
     if m > products {
@@ -219,9 +229,11 @@ fn voltage_error(scene: &Scene, setup: &Setup) -> Result<Option<f64>, CliError> 
     let mut workspace = setup.model.workspace()?;
     let found = setup.model.solve(&background, &mut workspace)?.measurements();
     let patterns = setup.protocol.measurement_patterns();
-    let exact = setup.protocol.data().iter().map(|&[s, m]| {
-        exact.row(s as usize).dot(&patterns.row(m as usize))
-    });
+    let exact = setup
+        .protocol
+        .data()
+        .iter()
+        .map(|&[s, m]| exact.row(s as usize).dot(&patterns.row(m as usize)));
     let (mut largest, mut error) = (0.0_f64, 0.0_f64);
     for (exact, found) in exact.zip(&found) {
         largest = largest.max(exact.abs());

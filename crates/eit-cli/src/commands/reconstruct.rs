@@ -4,12 +4,16 @@ use super::{Answer, solve_json};
 use crate::cli::ReconstructArgs;
 use crate::draw;
 use crate::error::CliError;
-use crate::frames::{self, Frames};
+use crate::frames::{self, Frames, ModelFit};
 use crate::output::{OutFolder, io, write_npy};
-use crate::picture::{FrameLabels, PictureSettings, SkinDrawing, draw_sheet, write_gif};
+use crate::picture::{
+    Canvas, FrameLabels, PictureSettings, Plot, Series, SkinDrawing, draw_plot, draw_sheet,
+    write_gif,
+};
 use crate::pipeline::{self, Imaging, Linearised, Setup};
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Reference, Scene};
+use eit_inverse::{CurvePoint, HyperparameterStatus};
 use ndarray::Array3;
 use serde_json::{Value, json};
 
@@ -24,10 +28,13 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let mut progress = Progress::default();
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
     let reference = args.reference.clone().map(Reference::Text);
-    let frames = progress.stage("read frames", || {
+    let mut frames = progress.stage("read frames", || {
         frames::load(&scene, &setup.protocol, &args.frames, reference.as_ref())
     })?;
     let linearised = pipeline::linearise(&scene, &setup, &mut progress)?;
+    let kind = pipeline::difference_kind(&scene, &setup.protocol);
+    let model_voltages = linearised.voltages.to_vec();
+    let fit = frames.fit_model(&model_voltages, kind, scene.skin.conductivity_s)?;
     let imaging = pipeline::imaging(&scene, &setup, &linearised, &frames, &mut progress)?;
     let images = imaging.images(&frames, &mut progress)?;
 
@@ -35,7 +42,10 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let skin = draw::skin(&setup.mesh, &imaging.raster);
     let settings = picture_settings(&scene, &imaging, frames.rate_hz);
     write_pictures(&mut out, &images, &skin, &settings, frames.rate_hz, &mut progress)?;
-    let report = report(&scene, &setup, &linearised, &frames, &imaging, &progress);
+    if let Some(curve) = curve_picture(&imaging)? {
+        out.write("hyperparameter.png", |w| Ok(curve.write_png(w)?))?;
+    }
+    let report = report(&scene, &setup, &linearised, &frames, (&imaging, fit), &progress);
     let json = with_files(report, &out);
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
     Ok(Answer { text: text(&frames, &imaging, &json, &out), json })
@@ -86,6 +96,71 @@ pub(super) fn picture_settings(
     }
 }
 
+/// Colour range of a sequence: all values, unless a few frames dwarf the others. Then the largest
+/// value of 95 % of the frames, but at least a quarter of the largest of all, so that noise stays
+/// pale; the small print tells what was clipped.
+fn common_range(images: &Array3<f64>) -> Option<[f64; 2]> {
+    let finite = |v: &&f64| v.is_finite();
+    let mut largest: Vec<f64> = images
+        .outer_iter()
+        .map(|image| image.iter().filter(finite).fold(0.0_f64, |m, v| m.max(v.abs())))
+        .collect();
+    largest.sort_by(f64::total_cmp);
+    let most = *largest.last()?;
+    let usual = largest[(largest.len() - 1) * 95 / 100];
+    let range = usual.max(0.25 * most);
+    (largest.len() >= 20 && range < 0.5 * most).then_some([-range, range])
+}
+
+/// How the choice of the hyperparameter ended.
+fn status_words(status: HyperparameterStatus) -> &'static str {
+    match status {
+        HyperparameterStatus::Given => "given",
+        HyperparameterStatus::NoiseFigureReached => "reached",
+        HyperparameterStatus::NoiseFigureUnreachable => "not reachable, the nearest is used",
+        HyperparameterStatus::Interior => "an extremum inside the range",
+        HyperparameterStatus::AtLowerEdge => "at the lower edge: no noise found in the data",
+        HyperparameterStatus::AtUpperEdge => "at the upper edge: no signal found in the data",
+        _ => "see the documentation of this version",
+    }
+}
+
+/// The curve that chose the hyperparameter, with the choice marked.
+fn curve_picture(imaging: &Imaging) -> Result<Option<Canvas>, CliError> {
+    let chosen = &imaging.chosen;
+    let l_curve = imaging.rule == "L-curve";
+    let at = |p: &CurvePoint| match l_curve {
+        true => [p.residual_norm, p.solution_norm],
+        false => [p.hyperparameter, p.criterion],
+    };
+    let nearest = chosen.curve.iter().min_by(|a, b| {
+        let distance = |p: &CurvePoint| (p.hyperparameter / chosen.hyperparameter).ln().abs();
+        distance(a).total_cmp(&distance(b))
+    });
+    let Some(nearest) = nearest else { return Ok(None) };
+    let curve = chosen.curve.iter().map(at).collect();
+    let mark = if l_curve { at(nearest) } else { [chosen.hyperparameter, chosen.criterion] };
+    let [x_label, y_label] = match l_curve {
+        true => ["weighted residual |Δv - J Δσ|", "image size |Δσ| by the prior"],
+        false if imaging.rule.starts_with("noise") => ["hyperparameter λ", "noise figure"],
+        false => ["hyperparameter λ", "cross-validation function"],
+    };
+    let plot = Plot {
+        title: format!("Hyperparameter by {}", imaging.rule),
+        footnote: format!("λ = {:.3e}: {}", chosen.hyperparameter, status_words(chosen.status)),
+        x_label: x_label.to_owned(),
+        y_label: y_label.to_owned(),
+        x_log: true,
+        y_log: true,
+        series: vec![
+            Series { name: String::new(), points: curve, line: true, markers: false },
+            Series { name: "chosen".to_owned(), points: vec![mark], line: false, markers: true },
+        ],
+        zoom: 2,
+    };
+    Ok(Some(draw_plot(&plot)?))
+}
+
 /// `sheet.png`, and `movie.gif` where there is a sequence.
 pub(super) fn write_pictures(
     out: &mut OutFolder,
@@ -95,6 +170,7 @@ pub(super) fn write_pictures(
     rate_hz: Option<f64>,
     progress: &mut Progress,
 ) -> Result<(), CliError> {
+    let settings = &PictureSettings { range: common_range(images), ..settings.clone() };
     let sheet = progress.stage("sheet", || draw_sheet(images.view(), skin, settings))?;
     out.write("sheet.png", |w| Ok(sheet.write_png(w)?))?;
     let count = images.shape()[0];
@@ -110,32 +186,15 @@ pub(super) fn write_pictures(
     Ok(())
 }
 
-/// How well the homogeneous model explains the reference: gain `g` of the best `v = g v0` and the
-/// correlation (cosine) of the two.
-fn model_fit(model: &[f64], reference: &[f64], used: &[bool]) -> (f64, f64) {
-    let (mut mr, mut mm, mut rr) = (0.0, 0.0, 0.0);
-    for ((m, r), _) in model.iter().zip(reference).zip(used).filter(|(_, used)| **used) {
-        mr += m * r;
-        mm += m * m;
-        rr += r * r;
-    }
-    (mr / mm, mr / (mm * rr).sqrt())
-}
-
 fn report(
     scene: &Scene,
     setup: &Setup,
     linearised: &Linearised,
     frames: &Frames,
-    imaging: &Imaging,
+    (imaging, fit): (&Imaging, ModelFit),
     progress: &Progress,
 ) -> Value {
     let inverse = imaging.difference.report();
-    let (gain, correlation) = model_fit(
-        linearised.voltages.as_slice().unwrap_or_default(),
-        &frames.reference,
-        &frames.used,
-    );
     let residuals: Vec<Option<f64>> = frames
         .values
         .rows()
@@ -150,8 +209,8 @@ fn report(
         "measurements_used": inverse.measurements_used,
         "reference": frames.reference_source,
         "reciprocity_error": frames.reciprocity_error,
-        "model_gain": gain,
-        "model_correlation": correlation,
+        "model_gain": fit.gain,
+        "model_correlation": fit.correlation,
         "mesh": {
             "nodes": setup.mesh.surface().nodes().len(),
             "elements": setup.model.elements(),
@@ -164,7 +223,7 @@ fn report(
         },
         "hyperparameter": inverse.hyperparameter,
         "hyperparameter_rule": imaging.rule,
-        "hyperparameter_status": format!("{:?}", imaging.chosen.status),
+        "hyperparameter_status": status_words(imaging.chosen.status),
         "criterion": imaging.chosen.criterion,
         "degrees_of_freedom": inverse.degrees_of_freedom,
         "rank": inverse.rank,
@@ -202,10 +261,10 @@ fn text(frames: &Frames, imaging: &Imaging, json: &Value, out: &OutFolder) -> St
         json["model_gain"].as_f64().unwrap_or(f64::NAN)
     ));
     lines.push(format!(
-        "hyperparameter {:.3e} by {} ({:?}), {:.1} degrees of freedom",
+        "hyperparameter {:.3e} by {} ({}), {:.1} degrees of freedom",
         inverse.hyperparameter,
         imaging.rule,
-        imaging.chosen.status,
+        status_words(imaging.chosen.status),
         inverse.degrees_of_freedom
     ));
     lines.extend(frames.notes.iter().map(|n| format!("note: {n}")));

@@ -221,7 +221,8 @@ impl Scene {
         )?;
         let mut stimulation_matrix = read_patterns(&self.resolve(stimulation), electrodes)?;
         let measurement_matrix = read_patterns(&self.resolve(measurement), electrodes)?;
-        for (file, matrix) in [(stimulation, &stimulation_matrix), (measurement, &measurement_matrix)]
+        for (file, matrix) in
+            [(stimulation, &stimulation_matrix), (measurement, &measurement_matrix)]
         {
             if matrix.nrows() != electrodes {
                 return Err(CliError::input(format!(

@@ -167,6 +167,8 @@ pub(crate) struct Recording {
     pub reference: Option<Reference>,
     pub first_frame: Option<usize>,
     pub frame_rate_hz: Option<f64>,
+    /// Every value is multiplied by this: -1 turns the polarity, 1e-3 makes volts of millivolts.
+    pub scale: Option<f64>,
 }
 
 /// One file, or several whose frames follow each other.
@@ -236,10 +238,7 @@ pub(crate) enum PriorKind {
 
 /// `reconstruction.hyperparameter`: a number or a rule.
 #[derive(Debug, Clone, Deserialize)]
-#[serde(
-    untagged,
-    expecting = "a number, or one of \"noise-figure\", \"l-curve\", \"gcv\""
-)]
+#[serde(untagged, expecting = "a number, or one of \"noise-figure\", \"l-curve\", \"gcv\"")]
 pub(crate) enum Hyperparameter {
     Value(f64),
     Rule(Rule),

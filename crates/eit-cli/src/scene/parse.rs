@@ -54,7 +54,9 @@ mod tests {
 
     #[test]
     fn wrong_types_and_broken_toml_are_one_line() {
-        for text in ["[skin]\nshape = \"disc\"\nradius_m = \"x\"\nconductivity_s = 1", "[skin\n", ""] {
+        for text in
+            ["[skin]\nshape = \"disc\"\nradius_m = \"x\"\nconductivity_s = 1", "[skin\n", ""]
+        {
             let found = error(text);
             assert!(!found.contains('\n') && found.starts_with("s.toml: "), "{found}");
         }

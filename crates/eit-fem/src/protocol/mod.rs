@@ -64,7 +64,9 @@ impl Protocol {
 
     /// Every measurement pattern under every stimulation pattern, measurements fastest.
     ///
-    /// Both matrices are [electrode, pattern], stimulations in ampere; a column sums to zero.
+    /// Both matrices are [electrode, pattern], stimulations in ampere; a column sums to zero. What
+    /// a column's rounding leaves of its sum (up to 1e-6 of the largest entry) is taken away in
+    /// equal parts from its non-zero entries, so that voltages and Jacobian agree to rounding.
     ///
     /// # Errors
     /// Matrices of different height, no column, NaN, columns that are zero or do not cancel.
@@ -90,8 +92,8 @@ impl Protocol {
             .flat_map(|s| (0..senses as u32).map(move |m| [s, m]))
             .collect();
         Ok(Self {
-            stimulations_a: stimulations_a.t().as_standard_layout().into_owned(),
-            measurement_patterns: measurement_patterns.t().as_standard_layout().into_owned(),
+            stimulations_a: balanced_rows(stimulations_a),
+            measurement_patterns: balanced_rows(measurement_patterns),
             data,
             quadruples: None,
         })
@@ -166,4 +168,15 @@ fn check_patterns(what: &'static str, patterns: ArrayView2<f64>) -> Result<(), F
         }
     }
     Ok(())
+}
+
+/// Patterns as rows, the remainder of each sum spread over the pattern's non-zero entries.
+fn balanced_rows(patterns: ArrayView2<f64>) -> Array2<f64> {
+    let mut rows = patterns.t().as_standard_layout().into_owned();
+    for mut row in rows.rows_mut() {
+        let used = row.iter().filter(|x| **x != 0.0).count();
+        let excess = row.sum() / used as f64;
+        row.iter_mut().filter(|x| **x != 0.0).for_each(|x| *x -= excess);
+    }
+    rows
 }

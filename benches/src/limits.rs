@@ -1,0 +1,65 @@
+//! What one thread of this machine can do at best, measured: the denominators of every floor.
+
+use crate::Result;
+use crate::stopwatch::median;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, ColRef, Mat, Par};
+use std::hint::black_box;
+
+/// Repetitions of each measurement.
+const REPEATS: usize = 15;
+
+/// Order of the matrices whose product is timed: 3 x 1.2 MB, most of it in the second-level cache.
+const ORDER: usize = 384;
+
+/// Floating point operations per second of a dense matrix product in f64.
+///
+/// # Errors
+/// None of its own.
+pub fn matmul_flop_per_s() -> Result<f64> {
+    let entry = |i: usize, j: usize| 1.0 / (1.0 + (i + 2 * j) as f64);
+    let (a, b) = (Mat::from_fn(ORDER, ORDER, entry), Mat::from_fn(ORDER, ORDER, entry));
+    let mut c = Mat::zeros(ORDER, ORDER);
+    let times = median(REPEATS, || {
+        matmul(c.as_mut(), Accum::Replace, black_box(&a), black_box(&b), 1.0, Par::Seq);
+        black_box(&c);
+        Ok(())
+    })?;
+    Ok(2.0 * (ORDER as f64).powi(3) / times.least_cpu_s)
+}
+
+/// Bytes per second stored by a plain loop over `bytes` of memory that is used again and again.
+///
+/// # Errors
+/// None of its own.
+pub fn store_byte_per_s(bytes: usize) -> Result<f64> {
+    let mut values = vec![0.0_f64; bytes.div_ceil(8)];
+    let mut number = 0.0;
+    best_rate(bytes, || {
+        number += 1.0;
+        values.fill(black_box(number));
+        black_box(&values);
+    })
+}
+
+/// Bytes per second read by a sum of squares (vectorised by faer) over `bytes` of memory that is
+/// read again and again.
+///
+/// # Errors
+/// None of its own.
+pub fn read_byte_per_s(bytes: usize) -> Result<f64> {
+    let values = vec![1.0_f64; bytes.div_ceil(8)];
+    best_rate(bytes, || {
+        black_box(ColRef::from_slice(black_box(&values)).squared_norm_l2());
+    })
+}
+
+/// Best rate of a pass over `bytes`, repeated for the clock's sake (at least 10 MB a timing).
+fn best_rate(bytes: usize, mut pass: impl FnMut()) -> Result<f64> {
+    let passes = (10_000_000 / bytes.max(1)).max(1);
+    let times = median(REPEATS, || {
+        (0..passes).for_each(|_| pass());
+        Ok(())
+    })?;
+    Ok((bytes * passes) as f64 / times.least_cpu_s)
+}

@@ -1,0 +1,80 @@
+//! The problems that are timed: a unit disc with 16 electrodes, each over half of its sixteenth of
+//! the rim; adjacent drive and measurement without driven electrodes (208 values); 1 A.
+
+use crate::Result;
+use eit_fem::{ForwardModel, PairProtocol};
+use eit_mesh::{Electrode, Mesh, MeshSettings, RimElectrodes, SkinShape, Surface};
+
+/// Electrodes of the disc.
+pub const ELECTRODES: usize = 16;
+
+/// Contact impedance, ohm metre: 0.01 of sheet resistance times radius, as the peers have it.
+pub const CONTACT_IMPEDANCE: f64 = 0.01;
+
+/// The mesh on which the peers are timed with about `target` nodes (500, 2000, 5000 or 20000).
+///
+/// `None` after a `skipped:` line where the peers' folder is missing.
+///
+/// # Errors
+/// A file that is there but cannot be used.
+pub fn peers_mesh(target: usize) -> Result<Option<Mesh>> {
+    let Some(arrays) = fixtures::disc_mesh(target)? else { return Ok(None) };
+    let nodes = arrays.nodes.rows().into_iter().map(|r| [r[0], r[1], 0.0]).collect();
+    let surface = Surface::new(nodes, arrays.triangles.clone())?;
+    let electrodes = arrays.edges_per_electrode().into_iter().map(Electrode::Rim).collect();
+    Ok(Some(Mesh::new(surface, electrodes)?))
+}
+
+/// The same disc for our own generator.
+pub fn disc() -> (SkinShape, RimElectrodes) {
+    let width_m = std::f64::consts::PI / ELECTRODES as f64;
+    (SkinShape::Disc { radius_m: 1.0 }, RimElectrodes::equally_spaced(ELECTRODES, width_m))
+}
+
+/// Settings that give about `nodes` nodes on [`disc`].
+///
+/// # Errors
+/// As `MeshSettings::for_nodes`.
+pub fn mesh_settings(nodes: usize) -> Result<MeshSettings> {
+    let (shape, electrodes) = disc();
+    Ok(MeshSettings::default().for_nodes(&shape, &electrodes, nodes)?)
+}
+
+/// The model of a mesh of this disc.
+///
+/// # Errors
+/// As `ForwardModel::new`.
+pub fn model(mesh: &Mesh) -> Result<ForwardModel> {
+    let protocol = PairProtocol { current_a: 1.0, ..PairProtocol::default() }.protocol()?;
+    Ok(ForwardModel::new(mesh, &protocol, &[CONTACT_IMPEDANCE; ELECTRODES])?)
+}
+
+/// Conductivities between 1 and 1.1 S that look random and that any language repeats exactly:
+/// `1 + 0.1 (2654435761 e mod 2^32) / 2^32` for element `e` (Knuth's multiplicative hash).
+pub fn conductivity(elements: usize) -> Vec<f64> {
+    let hash = |e: usize| (e as u32).wrapping_mul(2_654_435_761);
+    (0..elements).map(|e| 1.0 + 0.1 * (f64::from(hash(e)) / 4_294_967_296.0)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn conductivities_are_those_of_the_script() {
+        // compare.py: 1 + 0.1 * ((e * 2654435761) % 2**32) / 2**32
+        let sigma = conductivity(3);
+        assert_eq!(sigma[0], 1.0);
+        assert_eq!(sigma[2], 1.0 + 0.1 * (1_013_904_226.0 / 4_294_967_296.0));
+    }
+
+    #[test]
+    fn a_generated_disc_has_about_the_nodes_asked_for() {
+        let (shape, electrodes) = disc();
+        let mesh = eit_mesh::generate(&shape, &electrodes, &mesh_settings(2000).unwrap()).unwrap();
+        // 10 %: what `for_nodes` promises
+        let nodes = mesh.surface().nodes().len();
+        assert!((1800..=2200).contains(&nodes), "{nodes}");
+        assert_eq!(model(&mesh).unwrap().protocol().measurements(), 208);
+    }
+}

@@ -1,0 +1,218 @@
+//! Bad input: exit code 2 and one line that says what, where and how to mend it.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
+
+mod common;
+
+use common::{SMALL, eit, refuse, text, write_scene};
+use ndarray::Array2;
+
+/// Runs `eit plan` on the small scene with one line replaced.
+fn broken(from: &str, to: &str) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let content = SMALL.replace(from, to);
+    assert_ne!(content, SMALL, "{from} is in the scene");
+    refuse(&["plan", text(&write_scene(folder.path(), &content))])
+}
+
+#[test]
+fn scenes_that_cannot_be() {
+    let cases = [
+        ("radius_m = 0.1", "radius_m = 0.0", "radius"),
+        ("radius_m = 0.1", "radius_m = -1.0", "-1"),
+        ("radius_m = 0.1", "radius_m = nan", "NaN"),
+        ("radius_m = 0.1", "", "skin.radius_m is missing"),
+        ("radius_m = 0.1", "radus_m = 0.1", "did you mean \"radius_m\"?"),
+        ("conductivity_s = 1e-5", "conductivity_s = 0.0", "skin.conductivity_s is 0"),
+        ("conductivity_s = 1e-5", "conductivity_s = -1e-5", "above zero"),
+        ("contact_impedance_ohm_m = 1e3", "contact_impedance_ohm_m = 0.0", "electrode 1 is 0"),
+        ("contact_impedance_ohm_m = 1e3", "contact_impedance_ohm_m = [1.0, 2.0]", "2 values for 8"),
+        ("width_m = 0.02", "width_m = 0.2", "electrodes 1 and 2 overlap"),
+        ("width_m = 0.02", "width_m = 0.0", "width_m"),
+        ("count = 8", "count = 3", "no measurement"),
+        ("count = 8", "positions_m = [[0.2, 0.0], [0.0, 0.1]]", "from the rim"),
+        ("drive = \"adjacent\"", "drive = \"adjacnt\"", "\"adjacent\", \"opposite\", \"skip-N\""),
+        ("drive = \"adjacent\"", "pairs = [[0, 9]]", "electrode index 9"),
+        ("drive = \"adjacent\"", "pairs = [[3, 3]]", "with itself"),
+        ("drive = \"adjacent\"", "quadruples_file = \"nowhere.csv\"", "nowhere.csv"),
+        ("current_a = 1e-4", "current_a = 0.0", "current_a is 0"),
+        ("edge_m = 0.012", "edge_m = -1.0", "edge_m"),
+        ("edge_m = 0.012", "edge_m = 1e-7", "limit"),
+        ("shape = \"disc\"", "shape = \"mesh\"\nfile = \"nowhere.msh\"", "nowhere.msh"),
+    ];
+    for (from, to, wanted) in cases {
+        let found = broken(from, to);
+        assert!(found.contains(wanted), "{to}: {found}");
+    }
+}
+
+#[test]
+fn unknown_scene_lists_the_built_in_ones() {
+    let found = refuse(&["plan", "papr-disc"]);
+    assert!(found.contains("paper-disc") && found.contains("papr-disc"), "{found}");
+}
+
+/// Reconstructs frames of a file's content against frame 0.
+fn reconstruct(name: &str, content: &[u8], more: &[&str]) -> String {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = write_scene(folder.path(), SMALL);
+    let (frames, out) = (folder.path().join(name), folder.path().join("out"));
+    std::fs::write(&frames, content).unwrap();
+    let mut arguments =
+        vec!["reconstruct", text(&scene), "--frames", text(&frames), "--out", text(&out)];
+    arguments.extend(more);
+    refuse(&arguments)
+}
+
+fn csv(rows: usize, columns: usize, odd: Option<(usize, usize, &str)>) -> Vec<u8> {
+    let mut content = String::new();
+    for r in 0..rows {
+        let row: Vec<String> = (0..columns)
+            .map(|c| match odd {
+                Some((or, oc, value)) if (or, oc) == (r, c) => value.to_owned(),
+                _ => format!("{}", 1.0 + 0.01 * (r * columns + c) as f64),
+            })
+            .collect();
+        content.push_str(&row.join(","));
+        content.push('\n');
+    }
+    content.into_bytes()
+}
+
+#[test]
+fn frames_that_cannot_be() {
+    let reference = ["--reference", "0"];
+    let cases: [(&str, Vec<u8>, &[&str], &[&str]); 9] = [
+        ("f.csv", csv(2, 39, None), &reference, &["39", "40"]),
+        ("f.csv", csv(2, 40, Some((1, 7, "nan"))), &reference, &["f.csv", "frame 1"]),
+        ("f.csv", csv(2, 40, Some((1, 7, "inf"))), &reference, &["f.csv", "frame 1"]),
+        ("f.csv", csv(2, 40, Some((1, 7, "volt"))), &reference, &["f.csv", "line 2"]),
+        ("f.csv", Vec::new(), &reference, &["f.csv", "empty"]),
+        ("f.csv", vec![0, 159, 146, 150, 0, 1, 2], &reference, &["f.csv"]),
+        ("f.npy", b"\x93NUMPY\x01\x00".to_vec(), &reference, &["f.npy"]),
+        ("f.csv", csv(2, 40, None), &[], &["no reference frame", "--reference"]),
+        ("f.csv", csv(2, 40, None), &["--reference", "5"], &["frames 0 to 1"]),
+    ];
+    for (name, content, more, wanted) in cases {
+        let found = reconstruct(name, &content, more);
+        for part in wanted {
+            assert!(found.contains(part), "{part}: {found}");
+        }
+    }
+}
+
+#[test]
+fn missing_files_and_methods_of_other_versions() {
+    let found = refuse(&["reconstruct", "paper-disc", "--out", "unused-folder"]);
+    assert!(found.contains("--frames"), "{found}");
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let arguments = ["reconstruct", "paper-disc", "--method", "st-tv", "--out", text(&out)];
+    assert!(refuse(&arguments).contains("gauss-newton"));
+    assert!(!out.exists(), "refused before anything is made");
+}
+
+/// A folder that cannot be made is found before any work: the frames do not even exist.
+#[test]
+fn unwritable_output_is_found_first() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "kept").unwrap();
+    let below = file.join("out");
+    for arguments in [
+        vec!["reconstruct", "paper-disc", "--frames", "nowhere.csv", "--out", text(&below)],
+        vec!["demo", "--out", text(&below)],
+    ] {
+        assert!(refuse(&arguments).contains("cannot write"), "{arguments:?}");
+    }
+    let target = below.join("v.csv");
+    assert!(refuse(&["forward", "paper-disc", "--out", text(&target)]).contains("cannot write"));
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
+}
+
+/// A result already there survives a run that fails.
+#[test]
+fn a_failed_run_leaves_the_old_result() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, sigma) = (folder.path().join("v.csv"), folder.path().join("sigma.csv"));
+    std::fs::write(&out, "old").unwrap();
+    std::fs::write(&sigma, "1,2,3\n").unwrap();
+    let arguments = ["forward", "paper-disc", "--conductivity", text(&sigma), "--out", text(&out)];
+    let found = refuse(&arguments);
+    assert!(found.contains("3 values") && found.contains("elements"), "{found}");
+    assert_eq!(std::fs::read_to_string(&out).unwrap(), "old");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no temporary is left");
+}
+
+/// A mesh of two parts and one with a zero conductivity are refused with the place.
+#[test]
+fn meshes_and_conductivities_that_cannot_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = folder.path().join("two_parts.msh");
+    std::fs::write(
+        &mesh,
+        "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n6\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 5 0 0\n\
+         5 6 0 0\n6 5 1 0\n$EndNodes\n$Elements\n2\n1 2 2 0 1 1 2 3\n2 2 2 0 1 4 5 6\n\
+         $EndElements\n",
+    )
+    .unwrap();
+    let out = folder.path().join("v.csv");
+    let arguments = ["forward", "paper-disc", "--mesh", text(&mesh), "--out", text(&out)];
+    let found = refuse(&arguments);
+    assert!(found.contains("2 parts"), "{found}");
+
+    let scene = write_scene(folder.path(), SMALL);
+    let skin = folder.path().join("skin.msh");
+    common::succeed(&["mesh", text(&scene), "--out", text(&skin)]);
+    let count: usize = {
+        let answer = common::succeed(&["mesh", text(&scene), "--out", text(&skin), "--json"]);
+        let json: serde_json::Value = serde_json::from_str(&answer).unwrap();
+        json["triangles"].as_u64().unwrap() as usize
+    };
+    for bad in [0.0, -1.0] {
+        let mut sigma = Array2::from_elem((1, count), 1e-5);
+        sigma[[0, 17]] = bad;
+        let file = folder.path().join("sigma.npy");
+        ndarray_npy::write_npy(&file, &sigma).unwrap();
+        let arguments = [
+            "forward",
+            text(&scene),
+            "--mesh",
+            text(&skin),
+            "--conductivity",
+            text(&file),
+            "--out",
+            text(&out),
+        ];
+        let found = refuse(&arguments);
+        assert!(found.contains("element 17") && found.contains(&format!("{bad}")), "{found}");
+    }
+}
+
+/// The wrong order is recognised by reciprocity and reported with the key that mends it.
+#[test]
+fn the_wrong_order_is_reported_with_its_key() {
+    let folder = tempfile::tempdir().unwrap();
+    let ascending = SMALL.replace("current_a", "order = \"ascending\"\ncurrent_a");
+    let scene = write_scene(folder.path(), &ascending);
+    let frames = folder.path().join("f.csv");
+    common::succeed(&["forward", text(&scene), "--out", text(&frames)]);
+    let rotated = write_scene(folder.path(), SMALL);
+    let out = folder.path().join("out");
+    let arguments = [
+        "reconstruct",
+        text(&rotated),
+        "--frames",
+        text(&frames),
+        "--reference",
+        "0",
+        "--out",
+        text(&out),
+    ];
+    let found = refuse(&arguments);
+    assert!(found.contains("order = \"ascending\""), "{found}");
+    let unchecked = SMALL.replace("current_a", "check_order = false\ncurrent_a");
+    let scene = write_scene(folder.path(), &unchecked);
+    let arguments: Vec<&str> =
+        arguments.iter().map(|a| if *a == text(&rotated) { text(&scene) } else { a }).collect();
+    assert!(eit(&arguments).status.success(), "the user may insist");
+}

@@ -1,0 +1,68 @@
+//! Runs the program as a user does.
+#![allow(dead_code, reason = "each test file uses its own part")]
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// Runs `eit` with arguments.
+pub fn eit(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_eit")).args(arguments).output().expect("the program starts")
+}
+
+/// Runs `eit` and expects success; returns stdout.
+pub fn succeed(arguments: &[&str]) -> String {
+    let output = eit(arguments);
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "eit {arguments:?}: {stderr}");
+    assert_eq!(stderr, "", "nothing of the progress may reach a pipe");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Runs `eit` and expects refusal with exit code 2 and one line; returns the line.
+pub fn refuse(arguments: &[&str]) -> String {
+    let output = eit(arguments);
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "eit {arguments:?}: {stderr}");
+    assert_eq!(stderr.trim_end().lines().count(), 1, "one line: {stderr}");
+    assert!(output.stdout.is_empty());
+    stderr
+}
+
+/// The scenes that come with the project.
+pub fn scene(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/scenes").join(name);
+    path.to_str().unwrap().to_owned()
+}
+
+/// Text of a path.
+pub fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// A scene file in a folder.
+pub fn write_scene(folder: &Path, content: &str) -> PathBuf {
+    let path = folder.join("scene.toml");
+    std::fs::write(&path, content).unwrap();
+    path
+}
+
+/// A small valid scene; tests break one thing of it.
+pub const SMALL: &str = r#"
+[skin]
+shape = "disc"
+radius_m = 0.1
+conductivity_s = 1e-5
+
+[electrodes]
+count = 8
+width_m = 0.02
+contact_impedance_ohm_m = 1e3
+
+[protocol]
+drive = "adjacent"
+current_a = 1e-4
+
+[mesh]
+edge_m = 0.012
+"#;
