@@ -12,9 +12,13 @@ drifts. Then come the stages against their floors (`floors`) and criterion's med
 (`cargo bench`). Before anything is timed, both sides' voltages and Jacobians are held against each
 other on every mesh.
 """
+
 import argparse, contextlib, io, json, os, pathlib, platform, statistics, subprocess, sys, tempfile, time
 
-THREADS = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")}
+THREADS = {
+    name: "1"
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
+}
 os.environ.update(THREADS)  # before numpy reads them
 import numpy as np  # noqa: E402
 
@@ -22,7 +26,11 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 SIZES = (500, 2000, 5000, 20000)
 # largest difference of voltages and Jacobian, relative to the largest value: condition times rounding
 AGREE = 1e-11
-PARTS = (("forward", "fwd", "forward_cpu_s"), ("Jacobian", "jac", "jacobian_cpu_s"), ("both", None, "both_cpu_s"))
+PARTS = (
+    ("forward", "fwd", "forward_cpu_s"),
+    ("Jacobian", "jac", "jacobian_cpu_s"),
+    ("both", None, "both_cpu_s"),
+)
 
 
 def main():
@@ -36,7 +44,10 @@ def main():
         agreement = check(programs["peers"], peers, folder)
         quiet(options)
         load = [os.getloadavg()[0]]
-        rounds = [one_round(programs["peers"], peers, folder, number + 1, options.rounds) for number in range(options.rounds)]
+        rounds = [
+            one_round(programs["peers"], peers, folder, number + 1, options.rounds)
+            for number in range(options.rounds)
+        ]
         load.append(os.getloadavg()[0])
     floors = json_lines(run([programs["floors"], "2000", "20000"]))
     parts = {"peers": peers_table(agreement, rounds, load), "floors": floors_table(floors)}
@@ -51,13 +62,29 @@ def main():
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--peers", type=pathlib.Path, default=ROOT / ".." / "shared" / "peers", help="folder of bench_scipy.py and eitlib.py")
+    parser.add_argument(
+        "--peers",
+        type=pathlib.Path,
+        default=ROOT / ".." / "shared" / "peers",
+        help="folder of bench_scipy.py and eitlib.py",
+    )
     parser.add_argument("--rounds", type=int, default=5, help="rounds, at least 3 (default 5)")
     parser.add_argument("--core", type=int, default=0, help="core to run on (default 0)")
-    parser.add_argument("--quiet", type=float, default=None, help="wait until the load average is below this")
-    parser.add_argument("--patience", type=float, default=900, help="seconds to wait for quiet at most (default 900)")
-    parser.add_argument("--no-stages", action="store_true", help="leave out cargo bench and its table")
-    parser.add_argument("--dry-run", action="store_true", help="print the tables instead of writing them")
+    parser.add_argument(
+        "--quiet", type=float, default=None, help="wait until the load average is below this"
+    )
+    parser.add_argument(
+        "--patience",
+        type=float,
+        default=900,
+        help="seconds to wait for quiet at most (default 900)",
+    )
+    parser.add_argument(
+        "--no-stages", action="store_true", help="leave out cargo bench and its table"
+    )
+    parser.add_argument(
+        "--dry-run", action="store_true", help="print the tables instead of writing them"
+    )
     options = parser.parse_args()
     if options.rounds < 3:
         parser.error(f"--rounds {options.rounds}: fewer than 3 rounds show no spread")
@@ -65,7 +92,9 @@ def arguments():
 
 
 def run(command, **more):
-    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, cwd=more.pop("cwd", ROOT), **more)
+    done = subprocess.run(
+        command, stdout=subprocess.PIPE, text=True, cwd=more.pop("cwd", ROOT), **more
+    )
     if done.returncode != 0:
         sys.exit(f"{' '.join(map(str, command))} ended with status {done.returncode}")
     return done.stdout
@@ -78,7 +107,16 @@ def json_lines(text):
 def build():
     """Paths of our two programs, built once so that no build falls between the rounds."""
     print("building", file=sys.stderr)
-    command = ["cargo", "build", "--release", "-p", "benches", "--bins", "--message-format", "json-render-diagnostics"]
+    command = [
+        "cargo",
+        "build",
+        "--release",
+        "-p",
+        "benches",
+        "--bins",
+        "--message-format",
+        "json-render-diagnostics",
+    ]
     messages = json_lines(run(command))
     return {m["target"]["name"]: m["executable"] for m in messages if m.get("executable")}
 
@@ -102,18 +140,33 @@ def check(program, peers, folder):
     sys.path.insert(0, str(peers))
     sys.dont_write_bytecode = True
     import eitlib
+
     run([program, "--values", folder, *map(str, SIZES)])
     agreement = {}
     for size in SIZES:
         model = eitlib.CEM(*eitlib.disc(size), backend="cholmod")
         # the conductivity of benches/src/problem.rs, to the bit
-        sigma = 1 + 0.1 * ((np.arange(model.ne, dtype=np.uint64) * np.uint64(2654435761)) % np.uint64(2**32) / 2.0**32)
+        sigma = 1 + 0.1 * (
+            (np.arange(model.ne, dtype=np.uint64) * np.uint64(2654435761))
+            % np.uint64(2**32)
+            / 2.0**32
+        )
         voltages, jacobian = model.forward(sigma), model.jacobian()
-        ours = [np.fromfile(f"{folder}/{name}_{size}.f64", "<f8").reshape(wanted.shape) for name, wanted in (("voltages", voltages), ("jacobian", jacobian))]
-        difference = [np.abs(a - b).max() / np.abs(b).max() for a, b in zip(ours, (voltages, jacobian))]
-        print(f"{model.N} nodes: voltages differ by {difference[0]:.1e}, Jacobian by {difference[1]:.1e} of the largest value", file=sys.stderr)
+        ours = [
+            np.fromfile(f"{folder}/{name}_{size}.f64", "<f8").reshape(wanted.shape)
+            for name, wanted in (("voltages", voltages), ("jacobian", jacobian))
+        ]
+        difference = [
+            np.abs(a - b).max() / np.abs(b).max() for a, b in zip(ours, (voltages, jacobian))
+        ]
+        print(
+            f"{model.N} nodes: voltages differ by {difference[0]:.1e}, Jacobian by {difference[1]:.1e} of the largest value",
+            file=sys.stderr,
+        )
         if not max(difference) < AGREE:
-            sys.exit(f"the two sides do not compute the same thing on {model.N} nodes: {difference}, wanted below {AGREE}")
+            sys.exit(
+                f"the two sides do not compute the same thing on {model.N} nodes: {difference}, wanted below {AGREE}"
+            )
         agreement[size] = difference
     return agreement
 
@@ -123,26 +176,47 @@ def one_round(program, peers, folder, number, count):
     rows = []
     for size in SIZES:
         environment = {**os.environ, "PEERS_OUT": folder, "PYTHONDONTWRITEBYTECODE": "1"}
-        lines = json_lines(run([sys.executable, "bench_scipy.py", str(size)], cwd=peers, env=environment))
+        lines = json_lines(
+            run([sys.executable, "bench_scipy.py", str(size)], cwd=peers, env=environment)
+        )
         theirs = [line for line in lines if line["peer"].endswith("cholmod")]
         if not theirs:
-            sys.exit("bench_scipy.py ran without CHOLMOD: install scikit-sparse for this interpreter")
+            sys.exit(
+                "bench_scipy.py ran without CHOLMOD: install scikit-sparse for this interpreter"
+            )
         ours = json_lines(run([program, str(size)]))
         if not ours:
-            sys.exit(f"our program skipped the mesh of {size} nodes: the meshes must lie in ../shared/peers/problems")
+            sys.exit(
+                f"our program skipped the mesh of {size} nodes: the meshes must lie in ../shared/peers/problems"
+            )
         theirs, ours = theirs[0], ours[0]
         pairs = {}
         for part, their_key, our_key in PARTS:
             their_s = theirs[their_key] if their_key else theirs["fwd"] + theirs["jac"]
             pairs[part] = (their_s, ours[our_key])
-        print(f"round {number} of {count}, {ours['nodes']} nodes: " + ", ".join(f"{part} {1e3 * a:.3g} / {1e3 * b:.3g} ms" for part, (a, b) in pairs.items()), file=sys.stderr)
-        rows.append({"size": size, "nodes": ours["nodes"], "elements": ours["elements"], "pairs": pairs, "repeats": ours["repeats"]})
+        print(
+            f"round {number} of {count}, {ours['nodes']} nodes: "
+            + ", ".join(
+                f"{part} {1e3 * a:.3g} / {1e3 * b:.3g} ms" for part, (a, b) in pairs.items()
+            ),
+            file=sys.stderr,
+        )
+        rows.append(
+            {
+                "size": size,
+                "nodes": ours["nodes"],
+                "elements": ours["elements"],
+                "pairs": pairs,
+                "repeats": ours["repeats"],
+            }
+        )
     return rows
 
 
 def peers_table(agreement, rounds, load):
     import scipy
     import sksparse
+
     versions = f"Python {platform.python_version()}, NumPy {np.__version__}, SciPy {scipy.__version__}, scikit-sparse {sksparse.__version__}"
     rustc = run(["rustc", "--version"]).split(" (")[0]
     lines = [
@@ -159,9 +233,13 @@ def peers_table(agreement, rounds, load):
             pairs = [r[index]["pairs"][part] for r in rounds]
             ratios = [b / a for a, b in pairs]
             theirs, ours = (1e3 * statistics.median(p[k] for p in pairs) for k in (0, 1))
-            name = {"both": "**forward + Jacobian**", "forward": "forward", "Jacobian": "Jacobian"}[part]
+            name = {"both": "**forward + Jacobian**", "forward": "forward", "Jacobian": "Jacobian"}[
+                part
+            ]
             same = f"{differences[part]:.0e}" if part in differences else ""
-            lines.append(f"| {spaced(row['nodes'])} | {name} | {theirs:.3g} | {ours:.3g} | {min(ratios):.2f} | {statistics.median(ratios):.2f} | {max(ratios):.2f} | {same} |")
+            lines.append(
+                f"| {spaced(row['nodes'])} | {name} | {theirs:.3g} | {ours:.3g} | {min(ratios):.2f} | {statistics.median(ratios):.2f} | {max(ratios):.2f} | {same} |"
+            )
     return "\n".join(lines)
 
 
@@ -173,10 +251,19 @@ def floors_table(rows):
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
-        moved = [f"{row[f'{way}_bytes'] / 1e6:.2f} at {row[f'{kind}_byte_per_s'] / 1e9:.0f}" if row[f"{way}_bytes"] else "" for way, kind in (("stored", "store"), ("read", "read"))]
+        moved = [
+            (
+                f"{row[f'{way}_bytes'] / 1e6:.2f} at {row[f'{kind}_byte_per_s'] / 1e9:.0f}"
+                if row[f"{way}_bytes"]
+                else ""
+            )
+            for way, kind in (("stored", "store"), ("read", "read"))
+        ]
         floor, took = 1e3 * row["floor_s"], 1e3 * row["cpu_s"]
         flop = f"{row['flop'] / 1e6:.3g}" if row["flop"] < 1e9 else f"{row['flop'] / 1e6:.0f}"
-        lines.append(f"| {spaced(row['nodes'])} | {row['stage']} | {flop} | {moved[0]} | {moved[1]} | {floor:.2g} | {row['bound']} | {took:.3g} | {took / floor:.1f} |")
+        lines.append(
+            f"| {spaced(row['nodes'])} | {row['stage']} | {flop} | {moved[0]} | {moved[1]} | {floor:.2g} | {row['bound']} | {took:.3g} | {took / floor:.1f} |"
+        )
     return "\n".join(lines)
 
 
@@ -187,17 +274,31 @@ def stages_table():
     load = os.getloadavg()[0]
     run(["cargo", "bench", "-p", "benches", "--bench", "stages"])
     found = {}
-    for path in sorted(pathlib.Path(metadata["target_directory"]).glob("criterion/*/*/*/new/estimates.json"), key=lambda p: p.stat().st_mtime):
+    for path in sorted(
+        pathlib.Path(metadata["target_directory"]).glob("criterion/*/*/*/new/estimates.json"),
+        key=lambda p: p.stat().st_mtime,
+    ):
         if path.stat().st_mtime < started:
             continue
         name = json.loads((path.parent / "benchmark.json").read_text())
         median = json.loads(path.read_text())["median"]
         interval = median["confidence_interval"]
         stage = f"{name['group_id']}: {name['function_id']}"
-        found.setdefault(stage, {})[int(name["value_str"])] = tuple(x / 1e6 for x in (median["point_estimate"], interval["lower_bound"], interval["upper_bound"]))
-    lines = [f"Wall time, median (95 % interval), milliseconds. One core, load average before: {load:.1f}.", "", "| stage | 2 000 nodes | 20 000 nodes |", "|---|---|---|"]
+        found.setdefault(stage, {})[int(name["value_str"])] = tuple(
+            x / 1e6
+            for x in (median["point_estimate"], interval["lower_bound"], interval["upper_bound"])
+        )
+    lines = [
+        f"Wall time, median (95 % interval), milliseconds. One core, load average before: {load:.1f}.",
+        "",
+        "| stage | 2 000 nodes | 20 000 nodes |",
+        "|---|---|---|",
+    ]
     for stage, times in found.items():
-        cells = (f"{m:.3g} ({low:.3g} to {high:.3g})" for m, low, high in (times[nodes] for nodes in (2000, 20000)))
+        cells = (
+            f"{m:.3g} ({low:.3g} to {high:.3g})"
+            for m, low, high in (times[nodes] for nodes in (2000, 20000))
+        )
         lines.append(f"| {stage} | {' | '.join(cells)} |")
     return "\n".join(lines)
 

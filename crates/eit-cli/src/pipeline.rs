@@ -103,15 +103,6 @@ pub(crate) fn linearise(
     })
 }
 
-/// Plain or normalised difference: pairs are normalised, which cancels gains per channel; general
-/// patterns have voltages near zero, which cannot be divided by.
-pub(crate) fn difference_kind(scene: &Scene, protocol: &Protocol) -> DifferenceKind {
-    scene.reconstruction.difference.unwrap_or(match protocol.quadruples() {
-        Some(_) => DifferenceKind::Normalised,
-        None => DifferenceKind::Plain,
-    })
-}
-
 /// The scene's prior.
 fn prior(scene: &Scene, setup: &Setup) -> Result<Box<dyn Prior>, CliError> {
     let surface = setup.mesh.surface();
@@ -137,7 +128,7 @@ pub(crate) fn imaging(
     frames: &Frames,
     progress: &mut Progress,
 ) -> Result<Imaging, CliError> {
-    let kind = difference_kind(scene, &setup.protocol);
+    let kind = scene.difference_kind(&setup.protocol);
     let (data, scales) = match kind {
         DifferenceKind::Plain => (DifferenceData::Plain, None),
         DifferenceKind::Normalised => {

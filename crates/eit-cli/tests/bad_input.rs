@@ -81,7 +81,8 @@ fn csv(rows: usize, columns: usize, odd: Option<(usize, usize, &str)>) -> Vec<u8
 #[test]
 fn frames_that_cannot_be() {
     let reference = ["--reference", "0"];
-    let cases: [(&str, Vec<u8>, &[&str], &[&str]); 9] = [
+    type Case<'a> = (&'a str, Vec<u8>, &'a [&'a str], &'a [&'a str]);
+    let cases: [Case<'_>; 9] = [
         ("f.csv", csv(2, 39, None), &reference, &["39", "40"]),
         ("f.csv", csv(2, 40, Some((1, 7, "nan"))), &reference, &["f.csv", "frame 1"]),
         ("f.csv", csv(2, 40, Some((1, 7, "inf"))), &reference, &["f.csv", "frame 1"]),

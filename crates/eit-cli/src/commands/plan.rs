@@ -131,7 +131,7 @@ fn stages(scene: &Scene, setup: &Setup) -> Vec<Stage> {
             flops: image,
             bytes: 4.0 * image,
             time_s: image / STORE_BYTES_PER_S,
-            why: match pipeline::difference_kind(scene, &setup.protocol) {
+            why: match scene.difference_kind(&setup.protocol) {
                 DifferenceKind::Normalised => {
                     "normalised difference: gains of channels cancel".to_owned()
                 }

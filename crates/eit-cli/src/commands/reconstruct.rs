@@ -32,7 +32,7 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
         frames::load(&scene, &setup.protocol, &args.frames, reference.as_ref())
     })?;
     let linearised = pipeline::linearise(&scene, &setup, &mut progress)?;
-    let kind = pipeline::difference_kind(&scene, &setup.protocol);
+    let kind = scene.difference_kind(&setup.protocol);
     let model_voltages = linearised.voltages.to_vec();
     let fit = frames.fit_model(&model_voltages, kind, scene.skin.conductivity_s)?;
     let imaging = pipeline::imaging(&scene, &setup, &linearised, &frames, &mut progress)?;

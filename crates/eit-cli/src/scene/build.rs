@@ -1,6 +1,6 @@
 //! From the scene's keys to the settings of the library crates.
 
-use super::{Direction, Driven, OneOrMany, Order, Scene, Shape};
+use super::{DifferenceKind, Direction, Driven, OneOrMany, Order, Scene, Shape};
 use crate::error::CliError;
 use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol, Protocol};
 use eit_mesh::{Mesh, MeshSettings, Placement, RimElectrodes, SkinShape};
@@ -235,6 +235,15 @@ impl Scene {
         }
         stimulation_matrix *= current_a;
         Ok(Protocol::from_patterns(stimulation_matrix.view(), measurement_matrix.view())?)
+    }
+
+    /// Plain or normalised difference: pairs are normalised, which cancels gains per channel;
+    /// general patterns have voltages near zero, which cannot be divided by.
+    pub fn difference_kind(&self, protocol: &Protocol) -> DifferenceKind {
+        self.reconstruction.difference.unwrap_or(match protocol.quadruples() {
+            Some(_) => DifferenceKind::Normalised,
+            None => DifferenceKind::Plain,
+        })
     }
 
     fn needed<T>(&self, value: Option<T>, key: &str, why: &str) -> Result<T, CliError> {
