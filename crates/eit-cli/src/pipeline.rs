@@ -12,7 +12,8 @@ use eit_inverse::{
     HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget, Noser, Prior, Tikhonov,
 };
 use eit_mesh::{Mesh, Raster};
-use ndarray::{Array1, Array2, Array3};
+use ndarray::{Array1, Array2, Array3, ArrayView1, Axis};
+use std::collections::BTreeMap;
 
 /// Pixels along the longer side where the scene states none: a disc of 64 has 3 200 pixels, ten
 /// times more than 208 measurements can tell apart.
@@ -192,17 +193,56 @@ fn choose(
 
 impl Imaging {
     /// Images [frame, row, column] in siemens, NaN outside the skin.
+    ///
+    /// Frames with bad values among the used measurements are reconstructed without them, each
+    /// set of bad ones once: `m r^2` flops for a set of the `m` used measurements of rank `r`.
     pub fn images(
         &self,
         frames: &Frames,
         progress: &mut Progress,
     ) -> Result<Array3<f64>, CliError> {
-        progress.stage("images", || {
-            let pixels = self
-                .difference
-                .on_raster(self.raster.pixel_from_element())?
-                .reconstruct_frames(frames.values.view(), &frames.reference)?;
+        let count = frames.values.nrows();
+        progress.steps("images", count, |bar| {
+            let raster = self.raster.pixel_from_element();
+            let mut sets: BTreeMap<Vec<bool>, Vec<usize>> = BTreeMap::new();
+            for (frame, good) in frames.good.rows().into_iter().enumerate() {
+                let used = good.iter().zip(&frames.used).map(|(good, used)| *good && *used);
+                sets.entry(used.collect()).or_default().push(frame);
+            }
+            let mut pixels = Array2::zeros((count, self.raster.masked_pixels().len()));
+            for (used, members) in sets {
+                let reconstructor = if used == frames.used {
+                    self.difference.on_raster(raster)?
+                } else {
+                    self.difference.restricted_to(&used)?.on_raster(raster)?
+                };
+                let values = frames.values.select(Axis(0), &members);
+                let found = reconstructor.reconstruct_frames(values.view(), &frames.reference)?;
+                for (row, frame) in found.rows().into_iter().zip(&members) {
+                    pixels.row_mut(*frame).assign(&row);
+                    bar.inc(1);
+                }
+            }
             Ok(self.raster.images_from_pixels(pixels.view())?)
         })
+    }
+
+    /// Parts of the differences that the images leave unexplained; `None` where a frame has bad
+    /// values or does not differ from the reference.
+    pub fn residuals(&self, frames: &Frames) -> Vec<Option<f64>> {
+        let clean = |good: ArrayView1<'_, bool>| {
+            good.iter().zip(&frames.used).all(|(good, used)| *good || !*used)
+        };
+        frames
+            .values
+            .rows()
+            .into_iter()
+            .zip(frames.good.rows())
+            .map(|(frame, good)| {
+                let residual =
+                    || self.difference.relative_residual(&frame.to_vec(), &frames.reference).ok();
+                clean(good).then(residual).flatten()
+            })
+            .collect()
     }
 }

@@ -146,6 +146,7 @@ fn simulate(
     values.iter_mut().for_each(|v| *v += noise());
     reference.iter_mut().for_each(|v| *v += noise());
     Ok(Frames {
+        good: Array2::from_elem(values.raw_dim(), true),
         values,
         reference: reference.to_vec(),
         reference_source: "the untouched skin".to_owned(),

@@ -10,12 +10,17 @@ use eit_fem::analytic::DiscSeries;
 use eit_mesh::{Placement, Quality};
 use serde_json::{Value, json};
 
-/// Sustained rates behind the predicted times: sparse factorisation and sweeps, dense products,
-/// and streaming stores, measured on one 2.x GHz server core without vector extensions assumed.
-const FACTOR_FLOPS_PER_S: f64 = 4e9;
-const SWEEP_FLOPS_PER_S: f64 = 3e9;
-const DENSE_FLOPS_PER_S: f64 = 1.2e10;
-const STORE_BYTES_PER_S: f64 = 4e9;
+/// Rates behind the predicted times, fitted to one core of the machine of `docs/PERFORMANCE.md` at
+/// 2 000 and 20 000 nodes (within 30 % there): sparse factorisation with its overhead per element,
+/// backward sweeps, the reconstruction matrix with its prior, stores to memory, reads from cache.
+const FACTOR_FLOPS_PER_S: f64 = 8e9;
+const ELEMENT_S: f64 = 1.5e-7;
+const SWEEP_FLOPS_PER_S: f64 = 4e9;
+const MATRIX_FLOPS_PER_S: f64 = 3e9;
+const STORE_BYTES_PER_S: f64 = 6e9;
+const READ_BYTES_PER_S: f64 = 1.5e10;
+/// Meshing, seconds a node.
+const NODE_S: f64 = 1e-5;
 
 /// One stage of the plan.
 struct Stage {
@@ -88,7 +93,7 @@ fn stages(scene: &Scene, setup: &Setup) -> Vec<Stage> {
             size: format!("{} nodes, {} triangles", quality.nodes, quality.triangles),
             flops: 0.0,
             bytes: 24.0 * quality.nodes as f64 + 12.0 * n,
-            time_s: 1e-5 * quality.nodes as f64,
+            time_s: NODE_S * quality.nodes as f64,
             why: match scene.skin.shape {
                 Shape::Mesh => "read from the scene's file".to_owned(),
                 _ => format!(
@@ -102,7 +107,7 @@ fn stages(scene: &Scene, setup: &Setup) -> Vec<Stage> {
             size: format!("{} unknowns, factor {} entries", cost.unknowns, cost.factor_entries),
             flops: cost.factor_flops,
             bytes: 8.0 * entries,
-            time_s: cost.factor_flops / FACTOR_FLOPS_PER_S + 2e-8 * n,
+            time_s: cost.factor_flops / FACTOR_FLOPS_PER_S + ELEMENT_S * n,
             why: "one factorisation gives all voltages: electrodes are eliminated last".to_owned(),
         },
         Stage {
@@ -122,7 +127,7 @@ fn stages(scene: &Scene, setup: &Setup) -> Vec<Stage> {
             size: format!("{m} x {m} in measurement space"),
             flops: spectrum,
             bytes: 8.0 * (m * n + m * m),
-            time_s: spectrum / DENSE_FLOPS_PER_S,
+            time_s: spectrum / MATRIX_FLOPS_PER_S,
             why: hyperparameter_words(scene),
         },
         Stage {
@@ -130,7 +135,7 @@ fn stages(scene: &Scene, setup: &Setup) -> Vec<Stage> {
             size: format!("{pixels} x {pixels} pixels, rank {rank}"),
             flops: image,
             bytes: 4.0 * image,
-            time_s: image / STORE_BYTES_PER_S,
+            time_s: 4.0 * image / READ_BYTES_PER_S,
             why: match scene.difference_kind(&setup.protocol) {
                 DifferenceKind::Normalised => {
                     "normalised difference: gains of channels cancel".to_owned()

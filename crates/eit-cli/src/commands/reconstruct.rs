@@ -195,12 +195,6 @@ fn report(
     progress: &Progress,
 ) -> Value {
     let inverse = imaging.difference.report();
-    let residuals: Vec<Option<f64>> = frames
-        .values
-        .rows()
-        .into_iter()
-        .map(|f| imaging.difference.relative_residual(&f.to_vec(), &frames.reference).ok())
-        .collect();
     json!({
         "scene": scene.name,
         "method": "gauss-newton",
@@ -227,7 +221,7 @@ fn report(
         "criterion": imaging.chosen.criterion,
         "degrees_of_freedom": inverse.degrees_of_freedom,
         "rank": inverse.rank,
-        "relative_residual": residuals,
+        "relative_residual": imaging.residuals(frames),
         "pixels": imaging.raster.pixels(),
         "extent_m": imaging.raster.extent_m(),
         "unit": "S",

@@ -21,7 +21,9 @@ pub(crate) struct Frames {
     pub reference: Vec<f64>,
     /// Where the reference came from, in words.
     pub reference_source: String,
-    /// Measurements that every frame and the reference have good values for.
+    /// Whether a value is good, [frame, measurement].
+    pub good: Array2<bool>,
+    /// Measurements of the reconstruction; a frame's bad ones among them are left out of it.
     pub used: Vec<bool>,
     /// Frames a second, where known.
     pub rate_hz: Option<f64>,
@@ -48,57 +50,86 @@ pub(crate) fn load(
     files: &[PathBuf],
     reference: Option<&Reference>,
 ) -> Result<Frames, CliError> {
-    let files = match (files, &scene.recording.file) {
-        ([], Some(OneOrManyFiles::One(file))) => vec![scene.resolve(file)],
-        ([], Some(OneOrManyFiles::Many(files))) => files.iter().map(|f| scene.resolve(f)).collect(),
-        ([], None) => {
-            let message = "no frames: give --frames F, or [recording] file in the scene";
-            return Err(CliError::input(message));
-        }
-        (given, _) => given.to_vec(),
-    };
-    let loaded = read(scene, protocol, &files)?;
-    let (reference, reference_source, reference_quality) =
+    let loaded = read(scene, protocol, &files_of(scene, files)?)?;
+    let (reference, reference_source, reference_good) =
         reference::take(scene, protocol, &loaded, reference)?;
-    let good = |column: usize| {
-        loaded.quality.column(column).iter().all(|q| q.is_good())
-            && reference_quality.as_ref().is_none_or(|q| q[column].is_good())
-    };
-    let mut used: Vec<bool> = (0..protocol.measurements()).map(good).collect();
     let mut notes = loaded.notes.clone();
-    let mut leave_out = |used: &mut Vec<bool>, unwanted: &dyn Fn(usize) -> bool, why: &str| {
-        let before = used.iter().filter(|u| **u).count();
-        used.iter_mut().enumerate().for_each(|(i, u)| *u &= !unwanted(i));
-        let dropped = before - used.iter().filter(|u| **u).count();
-        if dropped > 0 {
-            notes.push(format!("{dropped} measurements left out: {why}"));
+    let mean = mean_over(&loaded.values, 0..loaded.values.nrows());
+    let reciprocity_error = order::check(scene, protocol, &loaded, &mean, &mut notes)?;
+    let reasons = reasons_to_leave_out(scene, protocol, &loaded, &reference, &reference_good);
+    let used: Vec<bool> = reasons.iter().map(Option::is_none).collect();
+    for why in [DRIVEN, ZERO, BAD_REFERENCE, MOSTLY_BAD] {
+        let count = reasons.iter().flatten().filter(|reason| **reason == why).count();
+        if count > 0 {
+            notes.push(format!("{count} measurements left out: {why}"));
         }
-    };
-    let flagged = protocol.measurements() - used.iter().filter(|u| **u).count();
-    let driven = on_driven_electrodes(protocol);
-    if !scene.reconstruction.use_driven_electrodes {
-        leave_out(&mut used, &|i| driven[i], "on current-carrying electrodes");
-    }
-    if scene.difference_kind(protocol) == DifferenceKind::Normalised {
-        leave_out(&mut used, &|i| reference[i] == 0.0, "zero in the reference frame");
-    }
-    if flagged > 0 {
-        notes.push(format!("{flagged} measurements left out: flagged bad in some frame"));
     }
     if !used.contains(&true) {
         return Err(CliError::input(format!("no measurement is usable: {}", notes.join("; "))));
     }
-    let mean = mean_over(&loaded.values, 0..loaded.values.nrows());
-    let reciprocity_error = order::check(scene, protocol, &loaded, &mean, &mut notes)?;
-    let rate_hz = scene.recording.frame_rate_hz.or_else(|| rate(loaded.time_s.as_deref()));
     let first = scene.recording.first_frame.unwrap_or(0);
-    if first >= loaded.values.nrows() {
-        let count = loaded.values.nrows();
+    let count = loaded.values.nrows();
+    if first >= count {
         let message = format!("recording.first_frame is {first}, but there are {count} frames");
         return Err(CliError::input(message));
     }
-    let values = loaded.values.slice_axis(Axis(0), (first..).into()).to_owned();
-    Ok(Frames { values, reference, reference_source, used, rate_hz, reciprocity_error, notes })
+    let rate_hz = scene.recording.frame_rate_hz.or_else(|| rate(loaded.time_s.as_deref()));
+    let good = loaded.quality.mapv(|q| q.is_good());
+    let from_first = |array: &Array2<f64>| array.slice_axis(Axis(0), (first..).into()).to_owned();
+    Ok(Frames {
+        values: from_first(&loaded.values),
+        good: good.slice_axis(Axis(0), (first..).into()).to_owned(),
+        reference,
+        reference_source,
+        used,
+        rate_hz,
+        reciprocity_error,
+        notes,
+    })
+}
+
+/// The files of the command line, else the scene's.
+fn files_of(scene: &Scene, given: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
+    match (given, &scene.recording.file) {
+        ([], Some(OneOrManyFiles::One(file))) => Ok(vec![scene.resolve(file)]),
+        ([], Some(OneOrManyFiles::Many(files))) => {
+            Ok(files.iter().map(|f| scene.resolve(f)).collect())
+        }
+        ([], None) => {
+            let message = "no frames: give --frames F, or [recording] file in the scene";
+            Err(CliError::input(message))
+        }
+        (given, _) => Ok(given.to_vec()),
+    }
+}
+
+const DRIVEN: &str = "on current-carrying electrodes";
+const ZERO: &str = "zero in the reference frame";
+const BAD_REFERENCE: &str = "flagged bad in the reference";
+const MOSTLY_BAD: &str = "flagged bad in more than half of the frames";
+
+/// Why each measurement is left out of all frames; `None`: it is used. One that is bad in some
+/// frames only is left out of those frames.
+fn reasons_to_leave_out(
+    scene: &Scene,
+    protocol: &Protocol,
+    loaded: &Loaded,
+    reference: &[f64],
+    reference_good: &[bool],
+) -> Vec<Option<&'static str>> {
+    let driven = on_driven_electrodes(protocol);
+    let normalised = scene.difference_kind(protocol) == DifferenceKind::Normalised;
+    let frames = loaded.quality.nrows();
+    let bad = |i: usize| loaded.quality.column(i).iter().filter(|q| !q.is_good()).count();
+    (0..protocol.measurements())
+        .map(|i| match i {
+            _ if driven[i] && !scene.reconstruction.use_driven_electrodes => Some(DRIVEN),
+            _ if !reference_good[i] || !reference[i].is_finite() => Some(BAD_REFERENCE),
+            _ if 2 * bad(i) > frames => Some(MOSTLY_BAD),
+            _ if normalised && reference[i] == 0.0 => Some(ZERO),
+            _ => None,
+        })
+        .collect()
 }
 
 fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded, CliError> {

@@ -1,57 +1,82 @@
 //! The frame to subtract: one frame, a mean, or another file.
 
-use super::{Loaded, mean_over, name_of, read};
+use super::{Loaded, name_of, read};
 use crate::error::CliError;
 use crate::scene::{Reference, Scene};
 use eit_fem::Protocol;
-use eit_hw::Quality;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Values, where they came from in words, and quality flags if from another file.
-type ReferenceFrame = (Vec<f64>, String, Option<Vec<Quality>>);
+/// Values, where they came from in words, and which of them are good.
+type ReferenceFrame = (Vec<f64>, String, Vec<bool>);
 
-/// Takes the reference of the command line, else the scene's, else the one the file marks.
+/// Takes the reference of the command line (`given`, files relative to the working folder), else
+/// the scene's (files relative to the scene), else the one the file marks.
 pub(super) fn take(
     scene: &Scene,
     protocol: &Protocol,
     loaded: &Loaded,
-    reference: Option<&Reference>,
+    given: Option<&Reference>,
 ) -> Result<ReferenceFrame, CliError> {
     let count = loaded.values.nrows();
     let marked = loaded.marked_reference.map(Reference::Frame);
-    let Some(reference) = reference.or(scene.recording.reference.as_ref()).or(marked.as_ref())
-    else {
-        return Err(CliError::input(
-            "no reference frame: give --reference with a frame number, \"mean\", \"N..M\" or a \
-             file, or [recording] reference in the scene",
-        ));
-    };
-    let range = match reference {
-        Reference::Frame(n) => Some((*n..n.saturating_add(1), format!("frame {n}"))),
-        Reference::Text(t) if t == "mean" => Some((0..count, format!("mean of {count} frames"))),
-        Reference::Text(t) => match range_of(t) {
-            Some(range) => Some((range, format!("mean of frames {t}"))),
-            None => t.parse().ok().map(|n: usize| (n..n.saturating_add(1), format!("frame {n}"))),
+    let reference = given.or(scene.recording.reference.as_ref()).or(marked.as_ref());
+    let (range, words) = match reference {
+        None => {
+            return Err(CliError::input(
+                "no reference frame: give --reference with a frame number, \"mean\", \"N..M\" or \
+                 a file, or [recording] reference in the scene",
+            ));
+        }
+        Some(Reference::Frame(n)) => single(*n),
+        Some(Reference::Text(text)) => match range_of(text, count) {
+            Some(found) => found,
+            None if given.is_some() => return from_file(scene, protocol, &PathBuf::from(text)),
+            None => return from_file(scene, protocol, &scene.resolve(Path::new(text))),
         },
     };
-    if let Some((range, words)) = range {
-        if range.end > count || range.is_empty() {
-            let message = format!("reference {words}: the recording has frames 0 to {}", count - 1);
-            return Err(CliError::input(message));
-        }
-        return Ok((mean_over(&loaded.values, range), words, None));
+    if range.end > count || range.is_empty() {
+        let last = count - 1;
+        let message = format!("reference {words}: the recording has frames 0 to {last}");
+        return Err(CliError::input(message));
     }
-    let Reference::Text(file) = reference else { return Err(CliError::input("no reference")) };
-    let path = scene.resolve(Path::new(file));
-    let path = if path.exists() { path } else { PathBuf::from(file) };
-    let other = read(scene, protocol, std::slice::from_ref(&path))?;
-    let quality = other.quality.columns().into_iter();
-    let quality = quality.map(|c| c.iter().fold(Quality::GOOD, |all, q| all | *q)).collect();
-    let words = format!("{} ({} frames)", name_of(&path), other.values.nrows());
-    Ok((mean_over(&other.values, 0..other.values.nrows()), words, Some(quality)))
+    let (values, good) = mean_of_good(loaded, range);
+    Ok((values, words, good))
 }
 
-fn range_of(text: &str) -> Option<std::ops::Range<usize>> {
-    let (from, to) = text.split_once("..")?;
-    Some(from.parse().ok()?..to.parse().ok()?)
+fn from_file(scene: &Scene, protocol: &Protocol, path: &Path) -> Result<ReferenceFrame, CliError> {
+    let other = read(scene, protocol, std::slice::from_ref(&path.to_path_buf()))?;
+    let count = other.values.nrows();
+    let (values, good) = mean_of_good(&other, 0..count);
+    let frames = if count == 1 { "1 frame".to_owned() } else { format!("mean of {count} frames") };
+    Ok((values, format!("{} ({frames})", name_of(path)), good))
+}
+
+fn single(frame: usize) -> (Range<usize>, String) {
+    (frame..frame.saturating_add(1), format!("frame {frame}"))
+}
+
+/// Frames named by a text: "mean", "N..M" or a number; `None` where it must be a file.
+fn range_of(text: &str, count: usize) -> Option<(Range<usize>, String)> {
+    if text == "mean" {
+        return Some((0..count, format!("mean of {count} frames")));
+    }
+    if let Some((from, to)) = text.split_once("..") {
+        return Some((from.parse().ok()?..to.parse().ok()?, format!("mean of frames {text}")));
+    }
+    text.parse().ok().map(single)
+}
+
+/// Mean of the good values of each measurement, and whether there is one.
+fn mean_of_good(loaded: &Loaded, frames: Range<usize>) -> (Vec<f64>, Vec<bool>) {
+    let measurements = loaded.values.ncols();
+    let (mut means, mut good) = (Vec::with_capacity(measurements), Vec::new());
+    for i in 0..measurements {
+        let usable = frames.clone().filter(|&f| loaded.quality[[f, i]].is_good());
+        let (count, sum) =
+            usable.fold((0_usize, 0.0), |(count, sum), f| (count + 1, sum + loaded.values[[f, i]]));
+        good.push(count > 0);
+        means.push(sum / count as f64);
+    }
+    (means, good)
 }
