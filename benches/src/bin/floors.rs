@@ -103,7 +103,7 @@ fn frames(mesh: &Mesh, jacobian: &Array2<f64>, flop_per_s: f64) -> Result<()> {
     })?;
     let multiplications = rank * (measurements + pixels);
     let (flop, read_bytes) = (2.0 * multiplications as f64, 8 * multiplications);
-    let work = Work { read_bytes, ..Work::default() };
+    let work = Work { flop, read_bytes, ..Work::default() };
     print(nodes, "one frame on pixels", one.cpu_s, &work, flop_per_s)?;
     let batch = median(REPEATS, || {
         black_box(on_pixels.reconstruct_frames(frames.view(), &reference)?);

@@ -45,7 +45,9 @@ impl CliError {
 impl From<MeshError> for CliError {
     fn from(error: MeshError) -> Self {
         match error {
-            MeshError::RefinementIncomplete { .. } => Self::Failure(error.to_string()),
+            MeshError::RefinementIncomplete { .. } | MeshError::Io { .. } => {
+                Self::Failure(error.to_string())
+            }
             _ => Self::Input(error.to_string()),
         }
     }
@@ -64,7 +66,16 @@ impl From<FemError> for CliError {
 
 impl From<eit_inverse::InverseError> for CliError {
     fn from(error: eit_inverse::InverseError) -> Self {
-        Self::Input(error.to_string())
+        match error {
+            eit_inverse::InverseError::Factorisation { .. } => Self::Failure(error.to_string()),
+            _ => Self::Input(error.to_string()),
+        }
+    }
+}
+
+impl From<eit_denoise::DenoiseError> for CliError {
+    fn from(error: eit_denoise::DenoiseError) -> Self {
+        Self::Failure(error.to_string())
     }
 }
 

@@ -6,13 +6,14 @@ use crate::error::CliError;
 use crate::frames::Frames;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Hyperparameter, PriorKind, Rule, Scene};
+use eit_denoise::ImageStack;
 use eit_fem::{ForwardModel, Protocol, SolveReport};
 use eit_inverse::{
     Chosen, Difference, DifferenceData, DifferenceSettings, Gaussian, GaussianSettings,
     HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget, Noser, Prior, Tikhonov,
 };
 use eit_mesh::{Mesh, Raster};
-use ndarray::{Array1, Array2, Array3, ArrayView1, Axis};
+use ndarray::{Array1, Array2, Axis};
 use std::collections::BTreeMap;
 
 /// Pixels along the longer side where the scene states none: a disc of 64 has 3 200 pixels, ten
@@ -170,7 +171,17 @@ fn choose(
     let target;
     let figure = keys.noise_figure.unwrap_or(DEFAULT_NOISE_FIGURE);
     let default = Hyperparameter::Rule(Rule::NoiseFigure);
-    let (values, reference_frame) = (frames.values.view(), frames.reference.as_slice());
+    let clean = frames.clean();
+    let needs_data =
+        matches!(keys.hyperparameter, Some(Hyperparameter::Rule(Rule::LCurve | Rule::Gcv)));
+    if needs_data && clean.is_empty() {
+        return Err(CliError::input(
+            "the hyperparameter is chosen from the data, but no frame is good in every used \
+             measurement: take hyperparameter = \"noise-figure\" or a number",
+        ));
+    }
+    let values = frames.values.select(Axis(0), &clean);
+    let (values, reference_frame) = (values.view(), frames.reference.as_slice());
     let (choice, words) = match keys.hyperparameter.as_ref().unwrap_or(&default) {
         Hyperparameter::Value(value) => {
             (HyperparameterChoice::Fixed(*value), "fixed by the scene".to_owned())
@@ -196,11 +207,7 @@ impl Imaging {
     ///
     /// Frames with bad values among the used measurements are reconstructed without them, each
     /// set of bad ones once: `m r^2` flops for a set of the `m` used measurements of rank `r`.
-    pub fn images(
-        &self,
-        frames: &Frames,
-        progress: &mut Progress,
-    ) -> Result<Array3<f64>, CliError> {
+    pub fn images(&self, frames: &Frames, progress: &mut Progress) -> Result<ImageStack, CliError> {
         let count = frames.values.nrows();
         progress.steps("images", count, |bar| {
             let raster = self.raster.pixel_from_element();
@@ -223,26 +230,27 @@ impl Imaging {
                     bar.inc(1);
                 }
             }
-            Ok(self.raster.images_from_pixels(pixels.view())?)
+            let images = self.raster.images_from_pixels(pixels.view())?;
+            Ok(ImageStack::new(images, self.raster.mask().clone())?)
         })
     }
 
-    /// Parts of the differences that the images leave unexplained; `None` where a frame has bad
-    /// values or does not differ from the reference.
-    pub fn residuals(&self, frames: &Frames) -> Vec<Option<f64>> {
-        let clean = |good: ArrayView1<'_, bool>| {
-            good.iter().zip(&frames.used).all(|(good, used)| *good || !*used)
-        };
-        frames
-            .values
-            .rows()
-            .into_iter()
-            .zip(frames.good.rows())
-            .map(|(frame, good)| {
-                let residual =
-                    || self.difference.relative_residual(&frame.to_vec(), &frames.reference).ok();
-                clean(good).then(residual).flatten()
-            })
-            .collect()
+    /// Part of each frame's difference that its image leaves unexplained, 0 to 1; `None` where the
+    /// frame has bad values or does not differ from the reference.
+    pub fn residuals(&self, frames: &Frames) -> Result<Vec<Option<f64>>, CliError> {
+        let mut residuals = vec![None; frames.values.nrows()];
+        for frame in frames.clean() {
+            let values = frames.values.row(frame).to_vec();
+            let differs = values
+                .iter()
+                .zip(&frames.reference)
+                .zip(&frames.used)
+                .any(|((value, reference), used)| *used && value != reference);
+            if differs {
+                let residual = self.difference.relative_residual(&values, &frames.reference)?;
+                residuals[frame] = Some(residual);
+            }
+        }
+        Ok(residuals)
     }
 }

@@ -141,7 +141,20 @@ pub enum FemError {
         /// Number of unknowns.
         unknowns: usize,
     },
-    /// A parameter of an analytic solution is out of range.
+    /// A potential overflowed.
+    #[error(
+        "the potential of electrode {electrode} under stimulation {stimulation} is {value_v} V: \
+         the currents, conductivities and contact impedances together leave the range of numbers"
+    )]
+    NonFinitePotential {
+        /// Stimulation index.
+        stimulation: usize,
+        /// 1-based number.
+        electrode: usize,
+        /// The potential, volt.
+        value_v: f64,
+    },
+    /// A parameter is out of range.
     #[error("{quantity} is {value}: it must be {must}")]
     OutOfRange {
         /// The quantity with its unit.

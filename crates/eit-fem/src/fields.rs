@@ -91,8 +91,12 @@ pub(crate) fn basis_field(combination: &[(u32, f64)]) -> Option<u32> {
 
 /// Index of the field of a pattern and the factor between them.
 fn find_or_add(patterns: &mut Vec<Vec<f64>>, row: ArrayView1<f64>) -> (u32, f64) {
-    let norm = row.dot(&row).sqrt();
-    let unit: Vec<f64> = row.iter().map(|x| x / norm).collect();
+    // by the largest entry first: squares of tiny currents would vanish
+    let largest = row.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    let scaled: Vec<f64> = row.iter().map(|x| x / largest).collect();
+    let length = dot(&scaled, &scaled).sqrt();
+    let unit: Vec<f64> = scaled.iter().map(|x| x / length).collect();
+    let norm = largest * length;
     for (index, known) in patterns.iter().enumerate() {
         let cosine = dot(known, &unit);
         // distance of unit vectors up to sign; 1 - |cosine| alone would lose half the digits

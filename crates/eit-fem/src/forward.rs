@@ -17,8 +17,8 @@ use crate::assembly::{Assembly, renumber};
 use crate::electrode_model::Contact;
 use crate::element::Element;
 use crate::fields::Fields;
-use crate::solution::Patterns;
 use crate::solver::{Solver, order};
+use crate::workspace::Patterns;
 use crate::{FemError, Protocol, Solution, Workspace};
 use eit_mesh::Mesh;
 use ndarray::{Array1, Array2};
@@ -138,7 +138,7 @@ impl ForwardModel {
     ///
     /// # Errors
     /// A wrong number of values, a value that is not finite and above zero, a workspace of
-    /// another model, a matrix that rounding has made indefinite.
+    /// another model, a matrix that rounding has made indefinite, potentials that overflow.
     pub fn solve<'a>(
         &'a self,
         conductivity_s: &[f64],

@@ -3,8 +3,18 @@
 //! Elements are taken in blocks whose scaled gradients stay in the second-level cache. Each
 //! product of two fields is formed once and written to every measurement that is a multiple of it
 //! (reciprocal ones: half of the rows). For 208 rows and `e` elements: 3 flops for each of 104 e
-//! products, 208 e values written, 8 bytes each. The stores are the floor: 66 MB at 40 000
-//! elements, 7 to 13 ms at 5 to 10 GB/s.
+//! products, 208 e values written, 8 bytes each. The stores are the floor.
+//!
+//! Measured on the discs of the benches, one thread (Xeon with 2 MiB second-level cache), the
+//! shortest of many runs, memory reused:
+//!
+//! | elements | Jacobian | this module | the same memory set to a constant |
+//! |---|---|---|---|
+//! | 3 932 (6.5 MB) | 0.80 ms | 0.61 ms, 11 GB/s | 0.29 ms, 22 GB/s |
+//! | 40 222 (67 MB) | 15.2 ms | 12.1 ms, 5.5 GB/s | 8.0 ms, 8.4 GB/s |
+//!
+//! Gathering and combining gradients take 0.11 and 1.4 ms of it, so ordering the triangles for
+//! locality could gain 2 %. Blocks of 128 and 512 elements are 10 and 3 % slower.
 
 use crate::fields::basis_field;
 use crate::forward::ForwardModel;

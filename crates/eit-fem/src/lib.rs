@@ -11,8 +11,10 @@ mod jacobian;
 mod protocol;
 mod solution;
 mod solver;
+mod workspace;
 
 pub use error::FemError;
 pub use forward::{ForwardModel, ModelCost};
 pub use protocol::{DrivenElectrodes, Order, PairPattern, PairProtocol, Protocol};
-pub use solution::{Solution, SolveReport, Workspace};
+pub use solution::{Solution, SolveReport};
+pub use workspace::Workspace;

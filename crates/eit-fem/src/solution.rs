@@ -8,123 +8,9 @@
 //! [`Solution::measurements_into`] and [`Solution::jacobian_into`] allocate nothing of their own.
 
 use crate::forward::ForwardModel;
-use crate::solver::Factor;
-use crate::{FemError, Protocol, jacobian};
-use faer::Mat;
-use ndarray::{Array1, Array2, ArrayView2, ArrayViewMut2};
-use std::fmt;
+use crate::{FemError, Workspace, jacobian};
+use ndarray::{Array1, Array2, ArrayViewMut2};
 use std::time::{Duration, Instant};
-
-/// Non-zero entries (electrode, value) of a protocol's patterns, row by row.
-#[derive(Debug)]
-pub(crate) struct Patterns {
-    stimulations_a: Vec<Vec<(u32, f64)>>,
-    measurements: Vec<Vec<(u32, f64)>>,
-}
-
-impl Patterns {
-    /// Of a protocol.
-    pub fn new(protocol: &Protocol) -> Self {
-        let sparse = |rows: ArrayView2<f64>| {
-            rows.rows()
-                .into_iter()
-                .map(|row| (0u32..).zip(row.iter().copied()).filter(|e| e.1 != 0.0).collect())
-                .collect()
-        };
-        Self {
-            stimulations_a: sparse(protocol.stimulations_a()),
-            measurements: sparse(protocol.measurement_patterns()),
-        }
-    }
-}
-
-/// Memory of one solve; make one per thread and reuse it.
-///
-/// It holds nothing of a model but sizes, so models of equal sizes may share one.
-pub struct Workspace {
-    factor: Factor,
-    /// Electrode potentials for unit currents [electrode but ground, electrode but ground].
-    transfer: Mat<f64>,
-    /// Electrode potentials [stimulation, electrode], row-major.
-    electrode_potentials: Vec<f64>,
-    /// Potentials [unknown, basis pattern], row-major.
-    potentials: Vec<f64>,
-    block: jacobian::Block,
-}
-
-impl fmt::Debug for Workspace {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (matrix_entries, factor_entries, scratch_bytes) = self.factor.sizes();
-        f.debug_struct("Workspace")
-            .field("matrix_entries", &matrix_entries)
-            .field("factor_entries", &factor_entries)
-            .field("scratch_bytes", &scratch_bytes)
-            .finish_non_exhaustive()
-    }
-}
-
-impl Workspace {
-    /// For a model.
-    pub(crate) fn new(model: &ForwardModel) -> Result<Self, FemError> {
-        let electrodes = model.protocol().electrodes();
-        let stimulations = model.patterns.stimulations_a.len();
-        Ok(Self {
-            factor: model.solver.factor(&model.assembly)?,
-            transfer: Mat::zeros(electrodes - 1, electrodes - 1),
-            electrode_potentials: vec![0.0; stimulations * electrodes],
-            potentials: vec![0.0; model.unknowns() * model.fields.basis.nrows()],
-            block: jacobian::Block::new(model),
-        })
-    }
-
-    /// Every size that a solve of `model` relies on.
-    fn check(&self, model: &ForwardModel) -> Result<(), FemError> {
-        let electrodes = model.protocol().electrodes();
-        let (values, factor, scratch) = self.factor.sizes();
-        let stimulations = model.patterns.stimulations_a.len();
-        let checks = [
-            ("workspace of another model: its matrix", values, model.assembly.entry_count()),
-            ("workspace of another model: its factor", factor, model.solver.factor_entries()),
-            ("workspace of another model: its scratch", scratch, model.solver.scratch_bytes()),
-            ("workspace of another model: its electrodes", self.transfer.nrows() + 1, electrodes),
-            (
-                "workspace of another model: its electrode potentials",
-                self.electrode_potentials.len(),
-                stimulations * electrodes,
-            ),
-            (
-                "workspace of another model: its fields",
-                self.potentials.len(),
-                model.unknowns() * model.fields.basis.nrows(),
-            ),
-            (
-                "workspace of another model: its gradients",
-                self.block.size(),
-                jacobian::Block::size_for(model),
-            ),
-        ];
-        match checks.into_iter().find(|(_, found, wanted)| found != wanted) {
-            None => Ok(()),
-            Some((what, found, wanted)) => Err(FemError::WrongLength { what, found, wanted }),
-        }
-    }
-
-    /// Electrode potentials of every stimulation from the transfer matrix; rows sum to zero.
-    fn fill_electrode_potentials(&mut self, patterns: &Patterns) {
-        let ground = self.transfer.nrows();
-        let rows = self.electrode_potentials.chunks_exact_mut(ground + 1);
-        for (row, currents) in rows.zip(&patterns.stimulations_a) {
-            row.fill(0.0);
-            for &(k, current_a) in currents.iter().filter(|c| (c.0 as usize) < ground) {
-                for (l, potential) in row[..ground].iter_mut().enumerate() {
-                    *potential += self.transfer[(l, k as usize)] * current_a;
-                }
-            }
-            let mean = row.iter().sum::<f64>() / row.len() as f64;
-            row.iter_mut().for_each(|potential| *potential -= mean);
-        }
-    }
-}
 
 /// The solved forward problem of one conductivity.
 #[derive(Debug)]
@@ -167,6 +53,7 @@ impl<'a> Solution<'a> {
         workspace.transfer.diagonal_mut().column_vector_mut().fill(1.0);
         model.solver.solve_electrodes(&workspace.factor, workspace.transfer.as_mut());
         workspace.fill_electrode_potentials(&model.patterns);
+        workspace.check_potentials()?;
         let time = start.elapsed();
         Ok(Self { model, workspace, fields_solved: false, backward_error: None, time })
     }

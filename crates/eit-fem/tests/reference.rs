@@ -5,28 +5,46 @@ mod common;
 
 use eit_fem::{ForwardModel, PairProtocol};
 
-/// The plain case to 1e-12 of the largest voltage: textbook assembly with sparse Cholesky loses
-/// 2e-14 on it, so 1e-12 leaves room for another ordering, none for a wrong formula.
+/// What each case may lose, as a fraction of its largest voltage: about five times what textbook
+/// assembly with sparse Cholesky was measured to lose, to leave room for another ordering and none
+/// for a wrong formula.
+const LOSSES: [(&str, f64); 14] = [
+    ("plain", 3e-13),
+    ("scale1e-7", 3e-13),
+    ("contrast1e-4", 3e-13),
+    ("contrast1e-8", 3e-13),
+    ("island1e-12", 3e-12),
+    ("contrast1e4", 2e-10),
+    ("contrast1e8", 1e-6),
+    ("checker1e6", 1e-8),
+    ("sliver", 1e-10),
+    ("z1e-6", 2e-9),
+    ("z1e-9", 2e-6),
+    ("z1e6", 2e-6),
+    ("z1e9", 1e-3),
+    // no digit is right: large contact terms swallow small conductances in the assembled matrix
+    ("mixed_z", 0.6),
+];
+
 #[test]
-fn plain_case_to_1e_12() {
+fn every_case_loses_what_is_known_and_no_more() {
     let Some(extreme) = fixtures::extreme::load().unwrap() else { return };
     let protocol = PairProtocol { current_a: 1.0, ..Default::default() }.protocol().unwrap();
-    for case in &extreme.cases {
+    assert_eq!(extreme.cases.len(), LOSSES.len());
+    for (name, bound) in LOSSES {
+        let case = extreme.case(name).unwrap();
         let mesh = common::mesh_of(&extreme.mesh_of(case));
         let model = ForwardModel::new(&mesh, &protocol, &case.contact_impedance.to_vec()).unwrap();
+        let mut workspace = model.workspace().unwrap();
         let conductivity = case.conductivity.to_vec();
-        let found = match model.forward(&conductivity) {
-            Ok(v) => v,
-            Err(e) => {
-                println!("{:>12}: {e}", case.name);
-                continue;
-            }
-        };
+        let mut solution = model.solve(&conductivity, &mut workspace).unwrap();
         let largest = case.voltages.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        let error = (&found - &case.voltages).iter().fold(0.0_f64, |m, d| m.max(d.abs()));
-        println!("{:>12}: {:.1e} of the largest voltage", case.name, error / largest);
-        if case.name == "plain" {
-            assert!(error < 1e-12 * largest, "{error:e} of {largest:e}");
-        }
+        let change = solution.measurements() - &case.voltages;
+        let error = change.iter().fold(0.0_f64, |m, d| m.max(d.abs())) / largest;
+        let backward = solution.report().backward_error;
+        println!("{name:>12}: {error:.1e} of the largest voltage, backward error {backward:.0e}");
+        assert!(error < bound, "{name}: {error:e} is above {bound:e}");
+        // the report does not see what assembly lost: README.md says so, ten times what was measured
+        assert!(name != "mixed_z" || backward < 4e-12, "{backward:e}");
     }
 }

@@ -15,7 +15,7 @@ use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use eit_inverse::metrics::correlation_coefficient;
-use ndarray::{Array2, Array3, Axis};
+use ndarray::{Array1, Array2, Array3, Axis};
 use rand_distr::Distribution as _;
 use serde_json::{Value, json};
 
@@ -44,11 +44,13 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Answer, CliError> {
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
     let linearised = pipeline::linearise(&scene, &setup, &mut progress)?;
     let imaging = pipeline::imaging(&scene, &setup, &linearised, &frames, &mut progress)?;
-    let images = imaging.images(&frames, &mut progress)?;
+    let images = imaging.images(&frames, &mut progress)?.into_parts().0;
 
     let truth = truth(&scene, &setup, &imaging.raster, &touches)?;
     let scores = scores(&images, &truth, &imaging.raster, &touches)?;
+    let reference = Array1::from_vec(frames.reference.clone());
     out.write("frames.npy", |w| write_npy(&frames.values, w))?;
+    out.write("reference.npy", |w| write_npy(&reference, w))?;
     out.write("images.npy", |w| write_npy(&images, w))?;
     out.write("truth.npy", |w| write_npy(&truth, w))?;
     let skin = draw::skin(&setup.mesh, &imaging.raster);
@@ -56,7 +58,14 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Answer, CliError> {
         title: "paper-disc: one finger, then two".to_owned(),
         ..reconstruct::picture_settings(&scene, &imaging, Some(RATE_HZ))
     };
-    reconstruct::write_pictures(&mut out, &images, &skin, &settings, Some(RATE_HZ), &mut progress)?;
+    reconstruct::write_pictures(
+        &mut out,
+        images.view(),
+        &skin,
+        &settings,
+        Some(RATE_HZ),
+        &mut progress,
+    )?;
     let compared = comparison(&images, &truth, &skin, &settings)?;
     out.write("truth_and_image.png", |w| Ok(compared.write_png(w)?))?;
     let report = json!({

@@ -35,7 +35,14 @@ fn solve_json(report: &SolveReport) -> Value {
 /// The conductivity to solve for: a file's, checked for length, or the scene's background.
 fn conductivity(scene: &Scene, file: Option<&Path>, elements: usize) -> Result<Vec<f64>, CliError> {
     let Some(path) = file else { return Ok(vec![scene.skin.conductivity_s; elements]) };
-    let recording = eit_hw::read_recording(path, None, &eit_hw::ReadOptions::default())?;
+    let recording =
+        eit_hw::read_recording(path, None, &eit_hw::ReadOptions::default()).map_err(|e| {
+            CliError::input(format!("conductivity, one siemens value per element: {e}"))
+        })?;
+    if recording.imaginary.is_some() {
+        let message = "complex values; a conductivity is real";
+        return Err(CliError::input(format!("{}: {message}", path.display())));
+    }
     let values: Vec<f64> = recording.real.iter().copied().collect();
     if values.len() != elements {
         return Err(CliError::input(format!(

@@ -14,7 +14,7 @@ use crate::pipeline::{self, Imaging, Linearised, Setup};
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Reference, Scene};
 use eit_inverse::{CurvePoint, HyperparameterStatus};
-use ndarray::Array3;
+use ndarray::ArrayView3;
 use serde_json::{Value, json};
 
 /// Frames a second of a movie whose rate is not known.
@@ -38,14 +38,14 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let imaging = pipeline::imaging(&scene, &setup, &linearised, &frames, &mut progress)?;
     let images = imaging.images(&frames, &mut progress)?;
 
-    out.write("images.npy", |w| write_npy(&images, w))?;
+    out.write("images.npy", |w| write_npy(&images.values(), w))?;
     let skin = draw::skin(&setup.mesh, &imaging.raster);
     let settings = picture_settings(&scene, &imaging, frames.rate_hz);
-    write_pictures(&mut out, &images, &skin, &settings, frames.rate_hz, &mut progress)?;
+    write_pictures(&mut out, images.values(), &skin, &settings, frames.rate_hz, &mut progress)?;
     if let Some(curve) = curve_picture(&imaging)? {
         out.write("hyperparameter.png", |w| Ok(curve.write_png(w)?))?;
     }
-    let report = report(&scene, &setup, &linearised, &frames, (&imaging, fit), &progress);
+    let report = report(&scene, &setup, &linearised, &frames, (&imaging, fit), &progress)?;
     let json = with_files(report, &out);
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
     Ok(Answer { text: text(&frames, &imaging, &json, &out), json })
@@ -99,7 +99,7 @@ pub(super) fn picture_settings(
 /// Colour range of a sequence: all values, unless a few frames dwarf the others. Then the largest
 /// value of 95 % of the frames, but at least a quarter of the largest of all, so that noise stays
 /// pale; the small print tells what was clipped.
-fn common_range(images: &Array3<f64>) -> Option<[f64; 2]> {
+fn common_range(images: ArrayView3<'_, f64>) -> Option<[f64; 2]> {
     let finite = |v: &&f64| v.is_finite();
     let mut largest: Vec<f64> = images
         .outer_iter()
@@ -164,14 +164,14 @@ fn curve_picture(imaging: &Imaging) -> Result<Option<Canvas>, CliError> {
 /// `sheet.png`, and `movie.gif` where there is a sequence.
 pub(super) fn write_pictures(
     out: &mut OutFolder,
-    images: &Array3<f64>,
+    images: ArrayView3<'_, f64>,
     skin: &SkinDrawing,
     settings: &PictureSettings,
     rate_hz: Option<f64>,
     progress: &mut Progress,
 ) -> Result<(), CliError> {
     let settings = &PictureSettings { range: common_range(images), ..settings.clone() };
-    let sheet = progress.stage("sheet", || draw_sheet(images.view(), skin, settings))?;
+    let sheet = progress.stage("sheet", || draw_sheet(images, skin, settings))?;
     out.write("sheet.png", |w| Ok(sheet.write_png(w)?))?;
     let count = images.shape()[0];
     if count > 1 {
@@ -179,7 +179,7 @@ pub(super) fn write_pictures(
             out.write("movie.gif", |w| {
                 let rate = rate_hz.unwrap_or(MOVIE_RATE_HZ);
                 let mut tick = |done: usize, _: usize| bar.set_position(done as u64);
-                Ok(write_gif(images.view(), skin, settings, rate, w, &mut tick)?)
+                Ok(write_gif(images, skin, settings, rate, w, &mut tick)?)
             })
         })?;
     }
@@ -193,9 +193,9 @@ fn report(
     frames: &Frames,
     (imaging, fit): (&Imaging, ModelFit),
     progress: &Progress,
-) -> Value {
+) -> Result<Value, CliError> {
     let inverse = imaging.difference.report();
-    json!({
+    Ok(json!({
         "scene": scene.name,
         "method": "gauss-newton",
         "frames": frames.values.nrows(),
@@ -221,13 +221,13 @@ fn report(
         "criterion": imaging.chosen.criterion,
         "degrees_of_freedom": inverse.degrees_of_freedom,
         "rank": inverse.rank,
-        "relative_residual": imaging.residuals(frames),
+        "relative_residual": imaging.residuals(frames)?,
         "pixels": imaging.raster.pixels(),
         "extent_m": imaging.raster.extent_m(),
         "unit": "S",
         "notes": frames.notes,
         "stages": progress.times(),
-    })
+    }))
 }
 
 fn with_files(mut report: Value, out: &OutFolder) -> Value {

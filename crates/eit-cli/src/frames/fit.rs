@@ -43,8 +43,7 @@ impl Frames {
                 "the homogeneous model explains the reference badly (correlation \
                  {correlation:.3}): check the protocol and the number and order of electrodes"
             ));
-        }
-        if plain && !(0.5..=2.0).contains(&gain) {
+        } else if plain && !(0.5..=2.0).contains(&gain) {
             self.notes.push(format!(
                 "voltages are {gain:.3} times the model's, so image values are off: set \
                  [skin] conductivity_s = {:.3e}, or [recording] scale",

@@ -33,6 +33,16 @@ pub(crate) struct Frames {
     pub notes: Vec<String>,
 }
 
+impl Frames {
+    /// Frames whose used measurements are all good.
+    pub fn clean(&self) -> Vec<usize> {
+        let is_clean = |frame: &usize| {
+            self.good.row(*frame).iter().zip(&self.used).all(|(good, used)| *good || !*used)
+        };
+        (0..self.values.nrows()).filter(is_clean).collect()
+    }
+}
+
 /// Frames of files in protocol order.
 struct Loaded {
     values: Array2<f64>,
@@ -144,10 +154,6 @@ fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded,
         options.sciospec.frequency_row = row;
     }
     let scale = keys.scale.unwrap_or(1.0);
-    if !scale.is_finite() || scale == 0.0 {
-        let message = format!("recording.scale is {scale}: it must be finite and not zero");
-        return Err(CliError::input(message));
-    }
     let format = keys.format.as_deref().map(str::parse).transpose()?;
     let component = match keys.component {
         Component::Real => eit_hw::Component::Real,

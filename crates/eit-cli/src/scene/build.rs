@@ -32,7 +32,10 @@ impl SceneMesh {
             Self::Generated { shape, electrodes, settings } => {
                 Ok(eit_mesh::generate(shape, electrodes, settings)?)
             }
-            Self::File(path) => Ok(eit_mesh::read_gmsh(path)?),
+            // a file that cannot be read is bad input, unlike one that cannot be written
+            Self::File(path) => {
+                eit_mesh::read_gmsh(path).map_err(|e| CliError::input(e.to_string()))
+            }
         }
     }
 }
@@ -40,11 +43,6 @@ impl SceneMesh {
 impl Scene {
     /// The mesh this scene asks for, checked; `nodes` overrides its density.
     pub fn mesh(&self, nodes: Option<usize>) -> Result<SceneMesh, CliError> {
-        let sigma = self.skin.conductivity_s;
-        if !(sigma.is_finite() && sigma > 0.0) {
-            let message = format!("skin.conductivity_s is {sigma}: it must be above zero");
-            return Err(CliError::input(message).within(&self.name));
-        }
         if let Shape::Mesh = self.skin.shape {
             let file = self.needed(self.skin.file.as_deref(), "skin.file", "shape = \"mesh\"")?;
             return Ok(SceneMesh::File(self.resolve(file)));
@@ -84,7 +82,8 @@ impl Scene {
         })
     }
 
-    fn rim_electrodes(&self) -> Result<RimElectrodes, CliError> {
+    /// The electrodes on the rim of a generated mesh.
+    pub fn rim_electrodes(&self) -> Result<RimElectrodes, CliError> {
         let keys = &self.electrodes;
         let width_m = self.needed(keys.width_m, "electrodes.width_m", "electrodes")?;
         let placement = match (&keys.positions_m, keys.count) {
@@ -129,16 +128,6 @@ impl Scene {
     pub fn protocol(&self, electrodes: usize) -> Result<Protocol, CliError> {
         let keys = &self.protocol;
         let current_a = keys.current_a.unwrap_or(DEFAULT_CURRENT_A);
-        let ways = [
-            ("protocol.drive", keys.drive.is_some()),
-            ("protocol.pairs", keys.pairs.is_some()),
-            ("protocol.quadruples_file", keys.quadruples_file.is_some()),
-            ("protocol.stimulation_file", keys.stimulation_file.is_some()),
-        ];
-        let given: Vec<&str> = ways.iter().filter(|w| w.1).map(|w| w.0).collect();
-        if let [first, second, ..] = given[..] {
-            return Err(self.error(format!("{first} and {second} exclude each other: keep one")));
-        }
         let found = if let Some(file) = &keys.quadruples_file {
             let quadruples = self.quadruples(file)?;
             Protocol::from_quadruples(electrodes, &quadruples, current_a)

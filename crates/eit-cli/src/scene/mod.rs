@@ -5,6 +5,7 @@
 
 mod build;
 mod builtin;
+mod check;
 mod parse;
 
 pub(crate) use build::SceneMesh;
@@ -274,6 +275,7 @@ impl Scene {
         if let Some(text) = builtin::text(name_or_path) {
             let mut scene = parse::parse(text, name_or_path)?;
             scene.name = name_or_path.to_owned();
+            scene.check()?;
             return Ok(scene);
         }
         let path = Path::new(name_or_path);
@@ -292,6 +294,7 @@ impl Scene {
         let mut scene = parse::parse(&text, name_or_path)?;
         scene.name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
         scene.folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
+        scene.check()?;
         Ok(scene)
     }
 

@@ -31,12 +31,14 @@ impl Protocol {
     /// One measurement for each quadruple `[a, b, m, n]` (0-based), driven with `current_a`.
     ///
     /// # Errors
-    /// An unknown electrode, a pair of one electrode with itself, no quadruple, a bad current.
+    /// An unknown electrode, a pair of one electrode with itself, no quadruple, a bad current,
+    /// more than 4096 electrodes.
     pub fn from_quadruples(
         electrodes: usize,
         quadruples: &[[u32; 4]],
         current_a: f64,
     ) -> Result<Self, FemError> {
+        check_electrodes(electrodes)?;
         if !(current_a.is_finite() && current_a > 0.0) {
             return Err(FemError::BadCurrent { current_a });
         }
@@ -69,12 +71,14 @@ impl Protocol {
     /// equal parts from its non-zero entries, so that voltages and Jacobian agree to rounding.
     ///
     /// # Errors
-    /// Matrices of different height, no column, NaN, columns that are zero or do not cancel.
+    /// Matrices of different height, no column, NaN, columns that are zero or do not cancel, more
+    /// than 4096 electrodes.
     pub fn from_patterns(
         stimulations_a: ArrayView2<f64>,
         measurement_patterns: ArrayView2<f64>,
     ) -> Result<Self, FemError> {
         let electrodes = stimulations_a.nrows();
+        check_electrodes(electrodes)?;
         if measurement_patterns.nrows() != electrodes {
             return Err(FemError::WrongLength {
                 what: "rows of the measurement pattern matrix",
@@ -155,6 +159,17 @@ impl PatternList {
     }
 }
 
+/// More electrodes than any skin has; adjacent pairs of so many are 17 million measurements.
+const MOST_ELECTRODES: usize = 4096;
+
+fn check_electrodes(electrodes: usize) -> Result<(), FemError> {
+    if electrodes <= MOST_ELECTRODES {
+        return Ok(());
+    }
+    let (quantity, value) = ("the number of electrodes", electrodes as f64);
+    Err(FemError::OutOfRange { quantity, value, must: "at most 4096" })
+}
+
 fn check_patterns(what: &'static str, patterns: ArrayView2<f64>) -> Result<(), FemError> {
     for (pattern, column) in patterns.columns().into_iter().enumerate() {
         if let Some(electrode) = column.iter().position(|x| !x.is_finite()) {
@@ -163,7 +178,8 @@ fn check_patterns(what: &'static str, patterns: ArrayView2<f64>) -> Result<(), F
         }
         let largest = column.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
         let sum = column.sum();
-        if largest == 0.0 || sum.abs() > BALANCE * largest {
+        // entries near the largest f64 can sum to NaN
+        if largest == 0.0 || sum.is_nan() || sum.abs() > BALANCE * largest {
             return Err(FemError::UnbalancedPattern { what, pattern, sum, largest });
         }
     }

@@ -73,8 +73,10 @@ impl PairProtocol {
     /// The quadruples `[a, b, m, n]` in protocol order.
     ///
     /// # Errors
-    /// Too few electrodes, an odd number for opposite pairs, unknown electrodes, nothing left.
+    /// Too few electrodes or more than 4096, an odd number for opposite pairs, unknown electrodes,
+    /// nothing left.
     pub fn quadruples(&self) -> Result<Vec<[u32; 4]>, FemError> {
+        super::check_electrodes(self.electrodes)?;
         let drives = self.drive.pairs("drive pair", self.electrodes)?;
         let senses = self.measure.pairs("measured pair", self.electrodes)?;
         let electrodes = self.electrodes as u32;
