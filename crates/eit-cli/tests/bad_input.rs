@@ -49,12 +49,24 @@ fn scenes_that_cannot_be() {
         ("current_a = 1e-4", "current_a = 0.0", "current_a is 0"),
         ("edge_m = 0.012", "edge_m = -1.0", "edge_m"),
         ("edge_m = 0.012", "edge_m = 1e-7", "limit"),
-        ("shape = \"disc\"", "shape = \"mesh\"\nfile = \"nowhere.msh\"", "nowhere.msh"),
+        ("shape = \"disc\"", "shape = \"mesh\"\nfile = \"f.msh\"", "exclude each other"),
     ];
     for (from, to, wanted) in cases {
         let found = broken(from, to);
         assert!(found.contains(wanted), "{to}: {found}");
     }
+}
+
+#[test]
+fn a_scene_with_a_mesh_file_names_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let content = SMALL
+        .replace("shape = \"disc\"", "shape = \"mesh\"\nfile = \"nowhere.msh\"")
+        .replace("radius_m = 0.1", "")
+        .replace("count = 8", "")
+        .replace("width_m = 0.02", "");
+    let found = refuse(&["plan", text(&write_scene(folder.path(), &content))]);
+    assert!(found.contains("nowhere.msh"), "{found}");
 }
 
 #[test]
