@@ -13,6 +13,7 @@ use std::path::PathBuf;
         First steps:\n  \
         eit demo --out demo                    simulate two fingers, reconstruct, draw\n  \
         eit plan paper-disc                    what a scene needs, and what it will cost\n  \
+        eit plan paper-disc --print-scene      a scene file to start from\n  \
         eit mesh paper-disc --out skin.png     look at the mesh\n  \
         eit forward paper-disc --out v.csv     voltages of the untouched skin\n  \
         eit reconstruct my.toml --frames f.csv --reference 0 --out images\n\n\
@@ -64,6 +65,9 @@ pub(crate) struct DemoArgs {
 pub(crate) struct PlanArgs {
     /// Scene file or built-in scene.
     pub scene: String,
+    /// Print the scene file itself instead, as a start for one's own.
+    #[arg(long)]
+    pub print_scene: bool,
 }
 
 /// `eit mesh`
@@ -122,7 +126,7 @@ pub(crate) struct ReconstructArgs {
     #[arg(long, value_name = "F", num_args = 1..)]
     pub frames: Vec<PathBuf>,
     /// Reference: a frame number (from 0), "mean", "N..M" (mean of N to M-1), or a file.
-    #[arg(long, value_name = "F|N|N..M|mean")]
+    #[arg(long, value_name = "F|N|N..M|mean", allow_hyphen_values = true)]
     pub reference: Option<String>,
     /// Method; this version has "gauss-newton" (one-step difference).
     #[arg(long, value_name = "METHOD")]

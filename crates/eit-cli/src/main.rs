@@ -20,10 +20,14 @@ mod scene;
 
 use clap::Parser as _;
 use cli::{Cli, Command};
+use std::io::Write as _;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return usage(&error),
+    };
     let result = match &cli.command {
         Command::Demo(args) => commands::demo::run(args),
         Command::Plan(args) => commands::plan::run(args),
@@ -33,17 +37,39 @@ fn main() -> ExitCode {
         Command::Reconstruct(args) => commands::reconstruct::run(args),
     };
     match result {
-        Ok(answer) => {
-            if cli.json {
-                println!("{}", answer.json);
-            } else {
-                println!("{}", answer.text);
-            }
-            ExitCode::SUCCESS
-        }
+        Ok(answer) if cli.json => say(&answer.json.to_string()),
+        Ok(answer) => say(&answer.text),
         Err(error) => {
             eprintln!("eit: {error}");
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// Prints an answer; a reader who has gone away is no failure.
+fn say(text: &str) -> ExitCode {
+    match writeln!(std::io::stdout().lock(), "{text}") {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            eprintln!("eit: cannot write the answer: {error}");
+            ExitCode::from(1)
+        }
+        _ => ExitCode::SUCCESS,
+    }
+}
+
+/// Help and version as they are; wrong usage on one line.
+fn usage(error: &clap::Error) -> ExitCode {
+    if !error.use_stderr() {
+        return say(error.render().to_string().trim_end());
+    }
+    if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        eprintln!("{}", error.render());
+        return ExitCode::from(2);
+    }
+    let text = error.render().to_string();
+    // up to the usage: what is wrong and the tips
+    let lines = text.lines().take_while(|l| !l.starts_with("Usage:")).map(str::trim);
+    let words: Vec<&str> = lines.filter(|l| !l.is_empty()).collect();
+    eprintln!("eit: {}; see --help", words.join(" ").trim_start_matches("error: "));
+    ExitCode::from(2)
 }

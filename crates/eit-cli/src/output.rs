@@ -24,7 +24,8 @@ impl OutFile {
             _ => Path::new("."),
         };
         let temporary = temporary_in(folder).map_err(|e| {
-            let message = format!("{}: cannot write in this folder: {e}", folder.display());
+            let message =
+                format!("{}: cannot write in this folder: {}", folder.display(), e.kind());
             CliError::input(message)
         })?;
         Ok(Self { path: path.to_path_buf(), temporary })
@@ -44,10 +45,10 @@ impl OutFile {
     }
 }
 
-/// A folder for results.
+/// A folder for results: all files appear together at the end, or none.
 pub(crate) struct OutFolder {
     path: PathBuf,
-    written: Vec<String>,
+    files: Vec<(&'static str, NamedTempFile)>,
 }
 
 impl OutFolder {
@@ -55,23 +56,48 @@ impl OutFolder {
     pub fn new(path: &Path) -> Result<Self, CliError> {
         let refused = |e: std::io::Error| {
             CliError::input(format!(
-                "{}: cannot write to this folder: {e}; choose another with --out",
-                path.display()
+                "{}: cannot write to this folder: {}; choose another with --out",
+                path.display(),
+                e.kind()
             ))
         };
         std::fs::create_dir_all(path).map_err(refused)?;
         temporary_in(path).map_err(refused)?;
-        Ok(Self { path: path.to_path_buf(), written: Vec::new() })
+        Ok(Self { path: path.to_path_buf(), files: Vec::new() })
     }
 
-    /// Writes one file of the folder.
+    /// Writes one file of the folder, still under a temporary name.
     pub fn write(
         &mut self,
-        name: &str,
+        name: &'static str,
         content: impl FnOnce(&mut dyn Write) -> Result<(), CliError>,
     ) -> Result<(), CliError> {
-        OutFile::new(&self.path.join(name))?.write(content)?;
-        self.written.push(name.to_owned());
+        let place = self.path.join(name);
+        let mut writer =
+            BufWriter::new(temporary_in(&self.path).map_err(|e| CliError::at(&place, e))?);
+        content(&mut writer)?;
+        let temporary = writer.into_inner().map_err(|e| CliError::at(&place, e.error()))?;
+        self.files.push((name, temporary));
+        Ok(())
+    }
+
+    /// Puts all files in their places and removes results of an earlier run that this one has not
+    /// made again: `own` are the names that the command may write.
+    pub fn commit(self, own: &[&str]) -> Result<(), CliError> {
+        let names = self.names();
+        for old in own.iter().filter(|name| !names.contains(name)) {
+            let old = self.path.join(old);
+            match std::fs::remove_file(&old) {
+                Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(CliError::at(&old, e));
+                }
+                _ => {}
+            }
+        }
+        for (name, temporary) in self.files {
+            let place = self.path.join(name);
+            temporary.persist(&place).map_err(|e| CliError::at(&place, e.error))?;
+        }
         Ok(())
     }
 
@@ -81,8 +107,8 @@ impl OutFolder {
     }
 
     /// Names written so far, in order.
-    pub fn written(&self) -> &[String] {
-        &self.written
+    pub fn names(&self) -> Vec<&'static str> {
+        self.files.iter().map(|f| f.0).collect()
     }
 }
 

@@ -23,6 +23,9 @@ pub(crate) const DEFAULT_PIXELS: usize = 64;
 /// Noise figure where the scene states nothing: the image is as noisy as the data.
 pub(crate) const DEFAULT_NOISE_FIGURE: f64 = 1.0;
 
+/// Largest array that is tried, bytes.
+const MOST_BYTES: f64 = 8e9;
+
 /// Mesh and protocol of a scene.
 pub(crate) struct Setup {
     /// The skin.
@@ -41,6 +44,8 @@ pub(crate) struct Linearised {
     pub jacobian: Array2<f64>,
     /// How the solve went.
     pub report: SolveReport,
+    /// What rounding may have cost, where that is worth saying.
+    pub warning: Option<String>,
 }
 
 /// A reconstruction ready for frames.
@@ -73,7 +78,7 @@ pub(crate) fn setup(
         scene.protocol(electrodes)?;
         scene.contact_impedance(electrodes)?;
     }
-    let mesh = progress.stage("mesh", || wanted.build())?;
+    let mesh = progress.stage("mesh", || wanted.build()).map_err(|e| e.within(&scene.place))?;
     let electrodes = mesh.electrodes().len();
     if electrodes == 0 {
         return Err(CliError::input(
@@ -82,8 +87,18 @@ pub(crate) fn setup(
     }
     let protocol = scene.protocol(electrodes)?;
     let impedance = scene.contact_impedance(electrodes)?;
-    let model =
-        progress.stage("forward model", || ForwardModel::new(&mesh, &protocol, &impedance))?;
+    let bytes = 8.0 * protocol.measurements() as f64 * mesh.surface().triangles().len() as f64;
+    if bytes > MOST_BYTES {
+        return Err(CliError::input(format!(
+            "{} measurements on {} elements make a Jacobian of {:.0} GB: use a coarser [mesh] or \
+             fewer measurements",
+            protocol.measurements(),
+            mesh.surface().triangles().len(),
+            1e-9 * bytes
+        )));
+    }
+    let model = progress.stage("forward model", || ForwardModel::new(&mesh, &protocol, &impedance));
+    let model = model.map_err(|e| CliError::from(e).within(&scene.place))?;
     Ok(Setup { mesh, protocol, model })
 }
 
@@ -97,12 +112,33 @@ pub(crate) fn linearise(
     progress.stage("forward and Jacobian", || {
         let mut workspace = setup.model.workspace()?;
         let mut solution = setup.model.solve(&background, &mut workspace)?;
-        Ok(Linearised {
-            voltages: solution.measurements(),
-            jacobian: solution.jacobian(),
-            report: solution.report(),
-        })
+        let report = solution.report();
+        let warning = certain(&report)?;
+        let (voltages, jacobian) = (solution.measurements(), solution.jacobian());
+        Ok(Linearised { voltages, jacobian, report, warning })
     })
+}
+
+/// Losses worth a warning, and losses that leave nothing to report.
+const WARN_LOSS: f64 = 1e-6;
+const REFUSE_LOSS: f64 = 0.1;
+
+/// Refuses voltages that rounding may have made worthless; warns where it may have cost digits.
+pub(crate) fn certain(report: &SolveReport) -> Result<Option<String>, CliError> {
+    let loss = report.expected_loss;
+    if loss.is_nan() || loss > REFUSE_LOSS {
+        return Err(CliError::Failure(format!(
+            "no digit of the voltages is certain: conductances on this skin span {:.0} decades \
+             (contact impedances times conductivity against element size, or contrast); bring them \
+             nearer to each other",
+            (loss / (1000.0 * f64::EPSILON)).log10()
+        )));
+    }
+    Ok((loss > WARN_LOSS).then(|| {
+        format!(
+            "rounding may have cost up to {loss:.0e} of the largest voltage (a cautious estimate)"
+        )
+    }))
 }
 
 /// The scene's prior.
@@ -209,6 +245,15 @@ impl Imaging {
     /// set of bad ones once: `m r^2` flops for a set of the `m` used measurements of rank `r`.
     pub fn images(&self, frames: &Frames, progress: &mut Progress) -> Result<ImageStack, CliError> {
         let count = frames.values.nrows();
+        let bytes = 8.0 * count as f64 * (self.raster.pixels() as f64).powi(2);
+        if bytes > MOST_BYTES {
+            return Err(CliError::input(format!(
+                "{count} images of {0} x {0} pixels take {1:.0} GB: use fewer [reconstruction] \
+                 pixels or fewer frames",
+                self.raster.pixels(),
+                1e-9 * bytes
+            )));
+        }
         progress.steps("images", count, |bar| {
             let raster = self.raster.pixel_from_element();
             let mut sets: BTreeMap<Vec<bool>, Vec<usize>> = BTreeMap::new();

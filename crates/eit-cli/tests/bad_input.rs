@@ -43,6 +43,8 @@ fn scenes_that_cannot_be() {
         ),
         ("[mesh]", "[noise]\nadditive_v = -1.0\n[mesh]", "noise.additive_v is -1"),
         ("[mesh]", "[recording]\nscale = 0.0\n[mesh]", "recording.scale is 0"),
+        ("[mesh]", "[recording]\nframe_rate_hz = 0.0\n[mesh]", "recording.frame_rate_hz is 0"),
+        ("drive = \"adjacent\"", "pairs = [[0, 1, 2]]", "3 values where two are wanted"),
         ("drive = \"adjacent\"", "pairs = [[0, 9]]", "electrode index 9"),
         ("drive = \"adjacent\"", "pairs = [[3, 3]]", "with itself"),
         ("drive = \"adjacent\"", "quadruples_file = \"nowhere.csv\"", "nowhere.csv"),
@@ -64,7 +66,8 @@ fn a_scene_with_a_mesh_file_names_the_file() {
         .replace("shape = \"disc\"", "shape = \"mesh\"\nfile = \"nowhere.msh\"")
         .replace("radius_m = 0.1", "")
         .replace("count = 8", "")
-        .replace("width_m = 0.02", "");
+        .replace("width_m = 0.02", "")
+        .replace("edge_m = 0.012", "");
     let found = refuse(&["plan", text(&write_scene(folder.path(), &content))]);
     assert!(found.contains("nowhere.msh"), "{found}");
 }
@@ -134,6 +137,43 @@ fn missing_files_and_methods_of_other_versions() {
     let arguments = ["reconstruct", "paper-disc", "--method", "st-tv", "--out", text(&out)];
     assert!(refuse(&arguments).contains("gauss-newton"));
     assert!(!out.exists(), "refused before anything is made");
+}
+
+/// Wrong usage is one line too.
+#[test]
+fn wrong_usage_is_one_line() {
+    for arguments in [
+        &["plan"][..],
+        &["plan", "paper-disc", "--frobnicate"],
+        &["frobnicate"],
+        &["mesh", "paper-disc", "--out", "x.png", "--nodes", "-1"],
+        &["reconstruct", "paper-disc", "--out"],
+    ] {
+        let found = refuse(arguments);
+        assert!(found.starts_with("eit: ") && found.contains("--help"), "{found}");
+    }
+}
+
+/// Contact impedances so far from the sheet that no digit survives: a failure that says so; a few
+/// decades nearer the voltages come with a warning.
+#[test]
+fn voltages_without_a_certain_digit_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("v.csv");
+    for impedance in ["1e-12", "1e14", "[1e20, 1e3, 1e3, 1e3, 1e3, 1e3, 1e3, 1e3]"] {
+        let key = format!("contact_impedance_ohm_m = {impedance}");
+        let scene = SMALL.replace("contact_impedance_ohm_m = 1e3", &key);
+        let scene = write_scene(folder.path(), &scene);
+        let output = eit(&["forward", text(&scene), "--out", text(&out)]);
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{impedance}: {stderr}");
+        assert!(stderr.contains("no digit") || stderr.contains("decades"), "{stderr}");
+        assert!(!out.exists());
+    }
+    let scene = SMALL.replace("contact_impedance_ohm_m = 1e3", "contact_impedance_ohm_m = 1e-5");
+    let scene = write_scene(folder.path(), &scene);
+    let answer = common::succeed(&["forward", text(&scene), "--out", text(&out)]);
+    assert!(answer.contains("warning: rounding"), "{answer}");
 }
 
 /// A folder that cannot be made is found before any work: the frames do not even exist.

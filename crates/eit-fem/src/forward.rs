@@ -10,7 +10,7 @@
 //! [`Solution`] borrows both.
 //!
 //! Cost of one solve at `n` nodes with factor of `f` entries: assembly 15 n flops, factorisation
-//! (dominant; 27 MFLOP at 2 000 nodes and 0.5 GFLOP at 20 000), then `electrodes^2` for all
+//! (dominant; 2.5 MFLOP at 2 000 nodes and 93 MFLOP at 20 000), then `electrodes^2` for all
 //! voltages. Fields, needed by the Jacobian only: `2 f` flops per independent pattern.
 
 use crate::assembly::{Assembly, renumber};

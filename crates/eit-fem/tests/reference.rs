@@ -41,8 +41,13 @@ fn every_case_loses_what_is_known_and_no_more() {
         let largest = case.voltages.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
         let change = solution.measurements() - &case.voltages;
         let error = change.iter().fold(0.0_f64, |m, d| m.max(d.abs())) / largest;
-        let backward = solution.report().backward_error;
-        println!("{name:>12}: {error:.1e} of the largest voltage, backward error {backward:.0e}");
+        let report = solution.report();
+        let (backward, expected) = (report.backward_error, report.expected_loss);
+        println!(
+            "{name:>12}: {error:.1e} of the largest voltage, backward error {backward:.0e}, \
+             expected loss {expected:.0e}"
+        );
+        assert!(error < expected, "{name}: {error:e} is above the estimate {expected:e}");
         assert!(error < bound, "{name}: {error:e} is above {bound:e}");
         // the report does not see what assembly lost: README.md says so, ten times what was measured
         assert!(name != "mixed_z" || backward < 4e-12, "{backward:e}");

@@ -246,6 +246,21 @@ pub enum HwError {
         /// Rows there are.
         rows: usize,
     },
+    /// A key that says how a table of numbers is laid out, for what is none.
+    #[error(
+        "{place}: `[recording] {key}` is for {meant}, but this is a {format} recording; leave the \
+         key out"
+    )]
+    UnusedKey {
+        /// The file or folder.
+        place: Place,
+        /// The key of `[recording]`.
+        key: &'static str,
+        /// What the recording is.
+        format: &'static str,
+        /// What the key is for.
+        meant: &'static str,
+    },
     /// A format that is recognised, but not read.
     #[error("{place}: is a {format} file, which is not read; export it as CSV or NPY")]
     Unsupported {
@@ -364,7 +379,8 @@ pub enum HwError {
         /// The file.
         place: Place,
     },
-    /// Fields of a [`Recording`](crate::Recording) that do not fit each other.
+    /// Fields of a [`Recording`](crate::Recording), or slices given to a
+    /// [`FrameMap`](crate::FrameMap), that do not fit each other.
     #[error("{place}: `{field}` has {found} entries, but {wanted} wanted; build it in one piece")]
     Inconsistent {
         /// The file.

@@ -20,9 +20,12 @@ pub struct Frame {
     /// Number of the connection, from 0: it rises when an instrument was lost and found again, and
     /// a reference frame of another epoch no longer holds.
     pub epoch: u32,
-    /// The instrument's own time in seconds since its first frame.
+    /// Seconds of the instrument's own clock since its first frame. Regular, but its origin and
+    /// drift are its own: two instruments are aligned by `host_time_s`.
     pub device_time_s: Option<f64>,
-    /// This computer's time in seconds since its first frame.
+    /// Seconds since the Unix epoch (1970-01-01 00:00 UTC) by this computer's clock when the last
+    /// byte of the frame had arrived. The origin is the same for all instruments; an f64 resolves
+    /// 0.24 us there.
     pub host_time_s: Option<f64>,
 }
 
@@ -35,7 +38,7 @@ pub struct Frame {
 /// assert_eq!(quality.to_string(), "saturated, open");
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct Quality(u8);
+pub struct Quality(u16);
 
 impl Quality {
     /// Nothing wrong.
@@ -73,8 +76,25 @@ impl Quality {
     }
 
     /// The flags as bits: saturated 1, stuck 2, open 4, over range 8, non-finite 16, missing 32.
-    pub const fn bits(self) -> u8 {
+    pub const fn bits(self) -> u16 {
         self.0
+    }
+
+    /// The flags of these [`bits`](Self::bits); `None` where one of them has no meaning.
+    ///
+    /// ```
+    /// use eit_hw::Quality;
+    /// assert_eq!(Quality::from_bits(5), Some(Quality::SATURATED | Quality::OPEN));
+    /// assert_eq!(Quality::from_bits(1 << 15), None);
+    /// ```
+    pub const fn from_bits(bits: u16) -> Option<Self> {
+        let mut known = 0;
+        let mut index = 0;
+        while index < Self::NAMES.len() {
+            known |= Self::NAMES[index].0.0;
+            index += 1;
+        }
+        if bits & !known == 0 { Some(Self(bits)) } else { None }
     }
 }
 

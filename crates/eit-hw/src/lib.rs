@@ -11,9 +11,9 @@ pub use frame::{Frame, Quadruple, Quality};
 pub use health::{
     OrderCandidate, OrderVerdict, model_correlation, reciprocity_error, recognise_order,
 };
-pub use readers::{Format, ReadOptions, read_recording};
+pub use readers::{Format, FrameOrientation, ReadOptions, read_recording};
 pub use readers::{csv, goe, khu, lct, npy, sciospec, serial_log};
 pub use recording::{
-    Component, CountHint, Layout, MeasuredFrames, Note, Recording, SkipReason, Skipped,
-    SkippedFrame, Unit,
+    Component, CountHint, FrameMap, Layout, MeasuredFrames, Note, Projection, Recording,
+    SkipReason, Skipped, SkippedFrame, Unit,
 };

@@ -84,9 +84,29 @@ impl FromStr for Format {
     }
 }
 
+/// What one frame is in a table of numbers [row, column].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum FrameOrientation {
+    /// A row: the table is [frame, measurement].
+    #[default]
+    Rows,
+    /// A column: the table is [measurement, frame].
+    Columns,
+    /// The whole table, [measurement, pattern], taken with the measurements of one pattern after
+    /// the other.
+    Matrix,
+}
+
 /// Options of every reader; each reader looks at its own.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadOptions {
+    /// `[recording] frames_are`: what one frame is, for [`Format::Csv`] and [`Format::Npy`]; other
+    /// formats refuse it. `None`: what `csv` and `npy` say.
+    pub frames_are: Option<FrameOrientation>,
+    /// `[recording] complex`: rows (or columns) alternate real and imaginary parts, for
+    /// [`Format::Csv`] and [`Format::Npy`]; other formats refuse it. `false`: what `csv` and `npy`
+    /// say.
+    pub complex: bool,
     /// For [`Format::Csv`].
     pub csv: csv::CsvOptions,
     /// For [`Format::Npy`].
@@ -95,6 +115,36 @@ pub struct ReadOptions {
     pub sciospec: sciospec::SciospecOptions,
     /// For [`Format::SerialLog`].
     pub serial_log: serial_log::SerialLogOptions,
+}
+
+impl ReadOptions {
+    fn csv(&self) -> csv::CsvOptions {
+        csv::CsvOptions {
+            orientation: self.frames_are.unwrap_or(self.csv.orientation),
+            complex: self.complex || self.csv.complex,
+        }
+    }
+
+    fn npy(&self) -> npy::NpyOptions {
+        npy::NpyOptions {
+            orientation: self.frames_are.unwrap_or(self.npy.orientation),
+            complex: self.complex || self.npy.complex,
+            matrix: self.frames_are.is_none() && self.npy.matrix,
+        }
+    }
+
+    /// Refuses the keys of tables for a format that is none.
+    fn check(&self, format: Format, path: &Path) -> Result<(), HwError> {
+        let key = match format {
+            Format::Csv | Format::Npy => None,
+            _ if self.frames_are.is_some() => Some("frames_are"),
+            _ => self.complex.then_some("complex"),
+        };
+        key.map_or(Ok(()), |key| {
+            let (place, format) = (Place::file(path), format.name());
+            Err(HwError::UnusedKey { place, key, format, meant: "csv and npy tables" })
+        })
+    }
 }
 
 /// Reads a recording, in the format given or, without one, in the format recognised.
@@ -107,7 +157,8 @@ pub struct ReadOptions {
 /// `[recording] format`.
 ///
 /// # Errors
-/// [`HwError`] of the reader, or [`HwError::Unrecognised`] and [`HwError::Ambiguous`].
+/// [`HwError`] of the reader, or [`HwError::Unrecognised`] and [`HwError::Ambiguous`];
+/// [`HwError::UnusedKey`] where the options say how a table is laid out and the format is none.
 pub fn read_recording(
     path: &Path,
     format: Option<Format>,
@@ -118,6 +169,7 @@ pub fn read_recording(
             Some(format) => format,
             None => recognise::folder(path)?,
         };
+        options.check(format, path)?;
         return match format {
             Format::Sciospec => sciospec::read(path, &options.sciospec),
             Format::Khu => khu::read(path),
@@ -132,9 +184,10 @@ pub fn read_recording(
         Some(format) => format,
         None => recognise::file(&bytes, path, &options.serial_log)?,
     };
+    options.check(format, path)?;
     match format {
-        Format::Csv => csv::parse(&bytes, path, &options.csv),
-        Format::Npy => npy::parse(&bytes, path, &options.npy),
+        Format::Csv => csv::parse(&bytes, path, &options.csv()),
+        Format::Npy => npy::parse(&bytes, path, &options.npy()),
         Format::Sciospec => sciospec::parse(&bytes, path, &options.sciospec),
         Format::Goe => goe::parse(&bytes, path),
         Format::Lct => lct::parse(&bytes, path),

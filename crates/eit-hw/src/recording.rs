@@ -1,6 +1,7 @@
 //! A recorded file in memory, as it was recorded.
 
 mod hint;
+mod map;
 mod note;
 mod select;
 
@@ -9,12 +10,13 @@ use std::path::{Path, PathBuf};
 use ndarray::Array2;
 
 pub use hint::CountHint;
+pub use map::{FrameMap, Projection};
 pub use note::{Note, SkipReason, Skipped, SkippedFrame};
 pub use select::{Component, MeasuredFrames};
 
 use crate::error::{HwError, Place};
 use crate::frame::{Quadruple, Quality};
-use crate::readers::Format;
+use crate::readers::{Format, FrameOrientation};
 
 /// Every complete frame of a recorded file, in file order.
 ///
@@ -42,6 +44,8 @@ pub struct Recording {
     pub reference_frame: Option<usize>,
     /// Format in which it was read.
     pub format: Format,
+    /// How the table was read; `None` for a format that is none.
+    pub frames_are: Option<FrameOrientation>,
     /// The file or folder, as it was named by the caller.
     pub path: PathBuf,
     /// Frames that were left out because they are cut.
@@ -67,6 +71,19 @@ pub enum Layout {
         /// Potentials per drive.
         electrodes: usize,
     },
+}
+
+impl Layout {
+    /// How many values it names; [`Layout::AsScene`] fits any number.
+    pub(crate) fn value_count(&self) -> Option<usize> {
+        match self {
+            Self::AsScene => None,
+            Self::Quadruples(quadruples) => Some(quadruples.len()),
+            Self::Potentials { drives, electrodes } => {
+                Some(drives.len().saturating_mul(*electrodes))
+            }
+        }
+    }
 }
 
 /// Unit of recorded values.
@@ -101,6 +118,7 @@ impl Recording {
             current_a: None,
             reference_frame: None,
             format,
+            frames_are: None,
             path: path.to_path_buf(),
             skipped: Skipped::default(),
             notes: Vec::new(),
@@ -121,7 +139,8 @@ impl Recording {
         Place::file(&self.path)
     }
 
-    /// Whether the fields fit each other: they are public, so anyone may have built them.
+    /// Whether the fields fit each other: they are public, so anyone may have built them. The layout
+    /// is left to [`FrameMap::new`].
     fn check(&self) -> Result<(), HwError> {
         let fits = |field, found: usize, wanted: usize| {
             if found == wanted {
@@ -140,12 +159,6 @@ impl Recording {
         if let Some(times) = &self.device_time_s {
             fits("device_time_s", times.len(), frames)?;
         }
-        match &self.layout {
-            Layout::AsScene => Ok(()),
-            Layout::Quadruples(quadruples) => fits("layout", quadruples.len(), values),
-            Layout::Potentials { drives, electrodes } => {
-                fits("layout", drives.len().saturating_mul(*electrodes), values)
-            }
-        }
+        Ok(())
     }
 }

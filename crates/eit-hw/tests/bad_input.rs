@@ -15,7 +15,6 @@ use std::fs;
 
 use common::name;
 use eit_hw::csv::{CsvOptions, FrameOrientation};
-use eit_hw::khu::ProjectionTable;
 use eit_hw::npy::NpyOptions;
 use eit_hw::sciospec::SciospecOptions;
 use eit_hw::serial_log::SerialLogOptions;
@@ -396,28 +395,6 @@ fn khu_table(roles: [[u32; 4]; 2]) -> String {
 const ROLES: [[u32; 4]; 2] = [[2, 3, 0, 0], [0, 2, 0, 3]];
 
 #[test]
-fn khu_table_faults() {
-    let table = |text: &str| ProjectionTable::parse(text.as_bytes(), &name("t.txt"));
-    let good = table(&khu_table(ROLES)).unwrap();
-    assert_eq!(good.channels, 4);
-    assert_eq!(good.quadruples[..2], [[0, 1, 3, 0], [0, 1, 0, 1]]);
-    assert_eq!(good.quadruples[7], [1, 3, 2, 3]);
-    // code 1 is 0.2, code 10 is 2
-    assert_eq!(good.gains, [0.2, 0.2, 2.0, 2.0, 2.0, 0.2, 2.0, 0.2]);
-    refused(table(""), &["t.txt", "empty"]);
-    refused(table("ProjIndex\n"), &["no complete frame"]);
-    refused(table(&khu_table([[0, 3, 0, 0]; 2])), &["line 2", "0 sources", "1 wanted"]);
-    refused(table(&khu_table([[2, 2, 3, 0]; 2])), &["2 sources", "1 wanted"]);
-    refused(table(&khu_table([ROLES[0], [2, 0, 0, 0]])), &["line 6", "0 sinks"]);
-    refused(table(&khu_table([[2, 3, 3, 3]; 2])), &["3 sinks", "1 wanted"]);
-    let cut = khu_table(ROLES);
-    refused(table(&cut[..cut.len() - 30]), &["channels in order", "4 wanted"]);
-    refused(table("0\t0\t0\t2\n"), &["line 1", "Gain1", "\"\""]);
-    refused(table("0 0 0 2 3 1 128 1 128 256\n"), &["line 1", "Gain1", "1 to 255"]);
-    refused(table("0 x 0 2 3 1 128 1 128 25\n"), &["line 1", "Ch is \"x\""]);
-}
-
-#[test]
 fn khu_folders() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
@@ -461,6 +438,69 @@ fn khu_folders() {
     );
     write("t_1.eit", "");
     refused(read(), &["sciospec or khu", "[recording] format = \"sciospec\"", "or \"khu\""]);
+}
+
+#[test]
+fn keys_of_tables_are_for_tables() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    let frames_are =
+        ReadOptions { frames_are: Some(FrameOrientation::Rows), ..ReadOptions::default() };
+    let complex = ReadOptions { complex: true, ..ReadOptions::default() };
+    let write = |name: &str, bytes: &[u8]| fs::write(path.join(name), bytes).unwrap();
+    write("t_1.eit", format!("{EIT_HEADER}1 2\n1 0 2 0\n").as_bytes());
+    write("f.get", &[0; 1024]);
+    write("f.lct", lct_text(&["1 1 1"; 4]).as_bytes());
+    write("f.log", format!("s\n{}", ("1 ".repeat(13) + "\n").repeat(16)).as_bytes());
+    let formats = ["sciospec", "goe", "lct", "serial-log"];
+    for (name, format) in ["t_1.eit", "f.get", "f.lct", "f.log"].into_iter().zip(formats) {
+        let read = |options: &ReadOptions| read_recording(&path.join(name), None, options);
+        assert!(read(&ReadOptions::default()).is_ok(), "{name}");
+        refused(read(&frames_are), &[name, "`[recording] frames_are`", "csv and npy", format]);
+        refused(read(&complex), &[name, "`[recording] complex`", "csv and npy", format, "leave"]);
+    }
+    refused(read_recording(path, None, &frames_are), &["`[recording] frames_are`", "sciospec"]);
+    let khu = tempfile::tempdir().unwrap();
+    fs::write(khu.path().join("1Scan.txt"), "").unwrap();
+    refused(read_recording(khu.path(), None, &complex), &["`[recording] complex`", "khu"]);
+
+    let floats = [1_f32, 2.0].map(f32::to_le_bytes).concat();
+    let header = "{'descr': '<c8', 'fortran_order': False, 'shape': (1, 1), }";
+    write("f.npy", &npy_bytes(header, &floats));
+    let npy = |options: &ReadOptions| read_recording(&path.join("f.npy"), None, options);
+    assert!(npy(&frames_are).is_ok());
+    refused(npy(&complex), &["f.npy", "`[recording] complex`", "complex npy", "real numbers"]);
+    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 2), }";
+    write("f.npy", &npy_bytes(header, &floats));
+    refused(npy(&complex), &["1 rows", "2 wanted", "`[recording] complex = false`"]);
+    let both = ReadOptions { frames_are: Some(FrameOrientation::Columns), ..complex.clone() };
+    let recording = npy(&both).unwrap();
+    assert_eq!((recording.real[[0, 0]], recording.imaginary.unwrap()[[0, 0]]), (1.0, 2.0));
+    // the keys go over the options of one reader
+    let mut options = ReadOptions { frames_are: both.frames_are, ..ReadOptions::default() };
+    options.npy.matrix = true;
+    assert_eq!(npy(&options).unwrap().real.dim(), (2, 1));
+}
+
+#[test]
+fn vectors_are_one_frame() {
+    let with = |shape: &str, orientation| {
+        let header = format!("{{'descr': '|u1', 'fortran_order': False, 'shape': {shape}, }}");
+        let options = NpyOptions { orientation, ..NpyOptions::default() };
+        npy::parse(&npy_bytes(&header, &[1, 2, 3]), &name("f.npy"), &options).unwrap()
+    };
+    let orientations =
+        [FrameOrientation::Rows, FrameOrientation::Columns, FrameOrientation::Matrix];
+    for shape in ["(3,)", "(3, 1)"] {
+        for orientation in orientations {
+            let recording = with(shape, orientation);
+            assert_eq!(recording.real, ndarray::array![[1.0, 2.0, 3.0]], "{shape}");
+            // only by rows is that not what the key says
+            let noted = shape == "(3, 1)" && orientation == FrameOrientation::Rows;
+            assert_eq!(recording.notes.contains(&Note::OneColumn { rows: 3 }), noted);
+        }
+    }
+    assert_eq!(with("(1, 3)", FrameOrientation::Columns).real.dim(), (3, 1));
 }
 
 #[test]

@@ -12,16 +12,18 @@ mod common;
 
 use common::name;
 use eit_hw::csv::{CsvOptions, FrameOrientation};
-use eit_hw::khu::ProjectionTable;
 use eit_hw::npy::NpyOptions;
 use eit_hw::sciospec::SciospecOptions;
 use eit_hw::serial_log::SerialLogOptions;
 use eit_hw::{
-    Component, HwError, Recording, csv, goe, khu, lct, npy, read_recording, sciospec, serial_log,
+    Component, HwError, Recording, csv, goe, lct, npy, read_recording, sciospec, serial_log,
 };
 use ndarray::Array2;
 use proptest::prelude::*;
 use proptest::sample::Index;
+
+const ORIENTATIONS: [FrameOrientation; 3] =
+    [FrameOrientation::Rows, FrameOrientation::Columns, FrameOrientation::Matrix];
 
 /// Every parser on the same bytes. What is read has values and fits itself; what is refused is
 /// refused in one line.
@@ -39,13 +41,12 @@ fn parse_all(bytes: &[u8]) {
             assert!(!message.contains(['\n', '\r']), "{message:?}");
         }
     };
-    for orientation in [FrameOrientation::Rows, FrameOrientation::Columns] {
+    for orientation in ORIENTATIONS {
         for complex in [false, true] {
             check(csv::parse(bytes, &path, &CsvOptions { orientation, complex }));
+            let options = NpyOptions { orientation, complex, matrix: false };
+            check(npy::parse(bytes, &path, &options));
         }
-    }
-    for matrix in [false, true] {
-        check(npy::parse(bytes, &path, &NpyOptions { matrix }));
     }
     for frequency_row in [0, 1] {
         check(sciospec::parse(bytes, &path, &SciospecOptions { frequency_row }));
@@ -56,17 +57,7 @@ fn parse_all(bytes: &[u8]) {
         let options = SerialLogOptions { lines_per_frame, values_per_line, full_scale: Some(1.0) };
         check(serial_log::parse(bytes, &path, &options));
     }
-    match ProjectionTable::parse(bytes, &path) {
-        Ok(table) => assert_eq!(table.quadruples.len(), table.gains.len()),
-        Err(error) => assert!(!error.to_string().contains('\n')),
-    }
-    let table = ProjectionTable::parse(KHU_TABLE, &path).unwrap();
-    if let Ok(scan) = khu::parse_scan(bytes, &path, &table) {
-        assert_eq!(scan.real.len(), table.quadruples.len());
-    }
 }
-
-const KHU_TABLE: &[u8] = b"0 0 0 2 3 1 128 1 128 1\n0 1 0 3 3 1 128 1 128 232\n";
 
 const EIT: &[u8] = b"12\n2\nt_1\n2020.07.08. 14:20:28.750\n1\n10\n1\n2\n0.01\n30.0\n0.0\n\
     MeasurementChannels: 1,2\n1 2\n0.5\t-0.25\t-0.5\t0.25\n1 2 3 4\n2 1\n1 2 3 4\n5 6 7 8\n";
@@ -84,8 +75,7 @@ fn samples() -> Vec<Vec<u8>> {
     let mut log = b"ref:\n1 2\n3 4\ndata:\ns\n1 2\n3 4\ns\n5 6\n7 8\n".to_vec();
     log.extend(b"s\n".iter().chain("1 ".repeat(13).as_bytes()).chain(b"\n"));
     let csv = b"a;b;c\n1;2;3\n# c\n4;5e-3;-6;\n".to_vec();
-    let scan = b"0 1 25000.000 -3\n1 0 4 5\n".to_vec();
-    vec![csv, NPY.to_vec(), EIT.to_vec(), LCT.to_vec(), floats, log, KHU_TABLE.to_vec(), scan]
+    vec![csv, NPY.to_vec(), EIT.to_vec(), LCT.to_vec(), floats, log]
 }
 
 /// Characters that text formats are made of.
@@ -97,7 +87,7 @@ fn texty() -> impl Strategy<Value = Vec<u8>> {
 #[test]
 fn samples_are_read() {
     let path = name("f");
-    let [csv, npy, eit, lct, get, log, table, scan] = samples().try_into().unwrap();
+    let [csv, npy, eit, lct, get, log] = samples().try_into().unwrap();
     assert_eq!(csv::parse(&csv, &path, &CsvOptions::default()).unwrap().real.dim(), (2, 3));
     assert_eq!(npy::parse(&npy, &path, &NpyOptions::default()).unwrap().real.dim(), (2, 3));
     let frame = sciospec::parse(&eit, &path, &SciospecOptions { frequency_row: 1 }).unwrap();
@@ -106,8 +96,6 @@ fn samples_are_read() {
     assert_eq!(goe::parse(&get, &path).unwrap().real.dim(), (2, 208));
     let options = SerialLogOptions { lines_per_frame: 2, values_per_line: 2, full_scale: None };
     assert_eq!(serial_log::parse(&log, &path, &options).unwrap().real.dim(), (3, 4));
-    let table = ProjectionTable::parse(&table, &path).unwrap();
-    assert!(khu::parse_scan(&scan, &path, &table).is_ok());
 }
 
 proptest! {
@@ -145,7 +133,7 @@ proptest! {
         sample in any::<Index>(),
         edits in prop::collection::vec((any::<Index>(), any::<u8>(), 0..3_u8), 1..6),
     ) {
-        let mut bytes = samples().swap_remove(sample.index(8));
+        let mut bytes = samples().swap_remove(sample.index(6));
         for (at, byte, kind) in edits {
             if bytes.is_empty() {
                 break;
@@ -165,29 +153,36 @@ proptest! {
         table in table(1..6, 1..6),
         separator in prop::sample::select(vec![",", ";", "\t", " ", ", "]),
         end in prop::sample::select(vec!["\n", "\r\n", "\r"]),
-        columns in any::<bool>(),
+        orientation in prop::sample::select(ORIENTATIONS.to_vec()),
     ) {
         let text = joined(&table, separator, end);
-        let orientation = if columns { FrameOrientation::Columns } else { FrameOrientation::Rows };
         let options = CsvOptions { orientation, complex: false };
         let recording = csv::parse(text.as_bytes(), &name("f.csv"), &options).unwrap();
-        let wanted = if columns { table.t().to_owned() } else { table };
-        prop_assert_eq!(recording.real, wanted);
+        prop_assert_eq!(recording.real, frames_of(&table, orientation));
+        prop_assert_eq!(recording.frames_are, Some(orientation));
     }
 
     #[test]
-    fn complex_csv_is_read_back(table in table(1..4, 1..6), columns in any::<bool>()) {
-        let doubled = ndarray::concatenate![ndarray::Axis(0), table, -&table];
-        // rows 0 to n - 1 are real parts: put the imaginary one of each behind it
-        let order: Vec<_> = (0..table.nrows()).flat_map(|row| [row, row + table.nrows()]).collect();
-        let alternating = doubled.select(ndarray::Axis(0), &order);
-        let orientation = if columns { FrameOrientation::Columns } else { FrameOrientation::Rows };
-        let written = if columns { alternating.t().to_owned() } else { alternating };
-        let options = CsvOptions { orientation, complex: true };
+    fn complex_tables_are_read_back(
+        table in table(2..5, 2..6),
+        orientation in prop::sample::select(ORIENTATIONS.to_vec()),
+    ) {
+        // the rows or columns of `table` are real parts: put the imaginary one of each behind it
+        let axis = ndarray::Axis(usize::from(orientation != FrameOrientation::Rows));
+        let doubled = ndarray::concatenate(axis, &[table.view(), (-&table).view()]).unwrap();
+        let count = table.len_of(axis);
+        let order: Vec<_> = (0..count).flat_map(|index| [index, index + count]).collect();
+        let written = doubled.select(axis, &order);
         let text = joined(&written, ",", "\n");
-        let recording = csv::parse(text.as_bytes(), &name("f.csv"), &options).unwrap();
-        prop_assert_eq!(recording.imaginary, Some(-&table));
-        prop_assert_eq!(recording.real, table);
+        let options = CsvOptions { orientation, complex: true };
+        let csv = csv::parse(text.as_bytes(), &name("f.csv"), &options).unwrap();
+        let options = NpyOptions { orientation, complex: true, matrix: false };
+        let npy = npy::parse(&npy_bytes(&written, false, false), &name("f.npy"), &options).unwrap();
+        for recording in [csv, npy] {
+            let wanted = frames_of(&table, orientation);
+            prop_assert_eq!(recording.imaginary, Some(-&wanted));
+            prop_assert_eq!(recording.real, wanted);
+        }
     }
 
     #[test]
@@ -195,26 +190,52 @@ proptest! {
         table in table(2..6, 2..6),
         fortran in any::<bool>(),
         big in any::<bool>(),
+        orientation in prop::sample::select(ORIENTATIONS.to_vec()),
     ) {
-        let data: Vec<u8> = if fortran { table.t().to_owned() } else { table.clone() }
-            .as_standard_layout()
-            .iter()
-            .flat_map(|value| if big { value.to_be_bytes() } else { value.to_le_bytes() })
-            .collect();
-        let (rows, columns) = table.dim();
-        let header = format!(
-            "{{'descr': '{}f8', 'fortran_order': {}, 'shape': ({rows}, {columns}), }}",
-            if big { '>' } else { '<' },
-            if fortran { "True" } else { "False" },
-        );
-        let mut bytes = b"\x93NUMPY\x03\x00".to_vec();
-        bytes.extend(u32::try_from(header.len()).unwrap().to_le_bytes());
-        bytes.extend(header.as_bytes());
-        bytes.extend(data);
-        let read = |matrix| npy::parse(&bytes, &name("f.npy"), &NpyOptions { matrix }).unwrap();
-        let by_pattern: Vec<_> = table.t().iter().copied().collect();
-        prop_assert_eq!(read(true).real.row(0).to_vec(), by_pattern);
-        prop_assert_eq!(read(false).real, table);
+        let bytes = npy_bytes(&table, fortran, big);
+        let options = NpyOptions { orientation, complex: false, matrix: false };
+        let recording = npy::parse(&bytes, &name("f.npy"), &options).unwrap();
+        prop_assert_eq!(recording.real, frames_of(&table, orientation));
+        prop_assert_eq!(recording.frames_are, Some(orientation));
+        let matrix = NpyOptions { matrix: true, ..options };
+        let recording = npy::parse(&bytes, &name("f.npy"), &matrix).unwrap();
+        prop_assert_eq!(recording.real, frames_of(&table, FrameOrientation::Matrix));
+    }
+
+    #[test]
+    fn both_tables_name_the_same_faulty_value(
+        table in table(2..6, 2..6),
+        at in any::<Index>(),
+        complex in any::<bool>(),
+        orientation in prop::sample::select(ORIENTATIONS.to_vec()),
+    ) {
+        let (rows, columns) = (2 * table.nrows(), 2 * table.ncols());
+        let mut table = ndarray::concatenate![ndarray::Axis(0), table, table];
+        table = ndarray::concatenate![ndarray::Axis(1), table, table];
+        let at = at.index(rows * columns);
+        table[[at / columns, at % columns]] = f64::NAN;
+        let text = joined(&table, ",", "\n");
+        let csv = csv::parse(text.as_bytes(), &name("f"), &CsvOptions { orientation, complex });
+        let options = NpyOptions { orientation, complex, matrix: false };
+        let npy = npy::parse(&npy_bytes(&table, false, false), &name("f"), &options);
+        // where the value would be if it were a number
+        table.mapv_inplace(|value| f64::from(u8::from(value.is_nan())));
+        let options = CsvOptions { orientation, complex };
+        let text = joined(&table, ",", "\n");
+        let recording = csv::parse(text.as_bytes(), &name("f"), &options).unwrap();
+        let place_in = |part: &Array2<f64>| {
+            part.indexed_iter().find(|(_, value)| **value == 1.0).map(|(place, _)| place)
+        };
+        let wanted =
+            place_in(&recording.real).or_else(|| place_in(recording.imaginary.as_ref()?)).unwrap();
+        for result in [csv, npy] {
+            match result {
+                Err(HwError::NonFinite { frame, measurement, .. }) => {
+                    prop_assert_eq!((frame, measurement), wanted);
+                }
+                other => prop_assert!(false, "{:?}", other),
+            }
+        }
     }
 
     #[test]
@@ -255,27 +276,6 @@ proptest! {
     }
 
     #[test]
-    fn khu_scan_is_read_back(
-        counts in prop::collection::vec((any::<i16>(), any::<i16>(), any::<bool>()), 2),
-    ) {
-        let table = ProjectionTable::parse(KHU_TABLE, &name("t")).unwrap();
-        let text: String = counts
-            .iter()
-            .enumerate()
-            .map(|(channel, (re, im, over))| {
-                format!("{channel}\t{}\t{re}.000000\t{im}.0\t\r\n", u8::from(*over))
-            })
-            .collect();
-        let scan = khu::parse_scan(text.as_bytes(), &name("1Scan.txt"), &table).unwrap();
-        for (channel, (re, im, over)) in counts.into_iter().enumerate() {
-            let gain = [1.0, 232.0][channel] * 0.2;
-            prop_assert_eq!(scan.real[channel], f64::from(re) / (32768.0 * gain));
-            prop_assert_eq!(scan.imaginary[channel], f64::from(im) / (32768.0 * gain));
-            prop_assert_eq!(scan.quality[channel].is_good(), !over);
-        }
-    }
-
-    #[test]
     fn serial_log_without_some_lines_keeps_only_whole_frames(
         frames in 1..6_usize,
         start in any::<Index>(),
@@ -313,6 +313,36 @@ proptest! {
             Err(error) => prop_assert!(matches!(error, HwError::NoFrames { .. }), "{error}"),
         }
     }
+}
+
+/// [frame, measurement] out of a table.
+fn frames_of(table: &Array2<f64>, orientation: FrameOrientation) -> Array2<f64> {
+    let columns = table.t().as_standard_layout().into_owned();
+    match orientation {
+        FrameOrientation::Rows => table.clone(),
+        FrameOrientation::Columns => columns,
+        FrameOrientation::Matrix => columns.into_shape_with_order((1, table.len())).unwrap(),
+    }
+}
+
+/// An NPY file of version 3.
+fn npy_bytes(table: &Array2<f64>, fortran: bool, big: bool) -> Vec<u8> {
+    let data: Vec<u8> = if fortran { table.t().to_owned() } else { table.clone() }
+        .as_standard_layout()
+        .iter()
+        .flat_map(|value| if big { value.to_be_bytes() } else { value.to_le_bytes() })
+        .collect();
+    let (rows, columns) = table.dim();
+    let header = format!(
+        "{{'descr': '{}f8', 'fortran_order': {}, 'shape': ({rows}, {columns}), }}",
+        if big { '>' } else { '<' },
+        if fortran { "True" } else { "False" },
+    );
+    let mut bytes = b"\x93NUMPY\x03\x00".to_vec();
+    bytes.extend(u32::try_from(header.len()).unwrap().to_le_bytes());
+    bytes.extend(header.as_bytes());
+    bytes.extend(data);
+    bytes
 }
 
 /// Finite numbers of any size, [row, column].

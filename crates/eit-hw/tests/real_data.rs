@@ -112,6 +112,13 @@ fn sciospec_255_frames_at_20_a_second() {
     within(&errors(&frames, &rotated(16)), 0.024, 0.032);
     order_is_recognised(&frames.mean_frame(), &rotated(16), &ascending(16));
 
+    // the scene's current of 1 mA instead of the file's 5 mA: a fifth of the volts
+    let mut scaled = frames.clone();
+    scaled.to_volts(1e-3);
+    assert_eq!((frames.current_a, scaled.current_a), (Some(5e-3), Some(1e-3)));
+    assert_eq!(scaled.values, &frames.values * (1e-3 / 5e-3));
+    assert_eq!((scaled.unit, scaled.frequency_hz), (Unit::Volt, Some(10e3)));
+
     // the drive's first channel is where current enters: its potential is the highest
     for (index, &[a, b]) in drives.iter().enumerate() {
         let row = recording.real.row(0);
@@ -171,14 +178,17 @@ fn lct_voltage_over_current() {
             assert!((error - 0.098).abs() < 0.0005, "{error}");
         }
         order_is_recognised(&frames.mean_frame(), &ascending(16), &rotated(16));
+        let mut volts = frames.clone();
+        volts.to_volts(2e-3);
+        assert_eq!((volts.unit, volts.values), (Unit::Volt, frames.values * 2e-3));
     }
 }
 
 #[test]
 fn pyeidors_columns_alternate() {
     let Some(folder) = fixtures::shared_data("pyeidors_tank16") else { return };
-    let csv = CsvOptions { orientation: FrameOrientation::Columns, complex: true };
-    let options = ReadOptions { csv, ..ReadOptions::default() };
+    let frames_are = Some(FrameOrientation::Columns);
+    let options = ReadOptions { frames_are, complex: true, ..ReadOptions::default() };
     for name in ["electrode01_metal.csv", "electrode01_metal_electrode05_plastic.csv"] {
         let path = folder.join(name);
         let recording = read_recording(&path, None, &options).unwrap();
@@ -404,8 +414,9 @@ fn golf_ball_as_csv_and_npy() {
 fn uef_matrix_is_one_frame() {
     let Some(folder) = fixtures::shared_data("uef2017_kit4") else { return };
     let path = folder.join("Uel_1_0.npy");
-    let matrix = eit_hw::npy::read(&path, &NpyOptions { matrix: false }).unwrap();
-    let frame = eit_hw::npy::read(&path, &NpyOptions { matrix: true }).unwrap();
+    let by_matrix = NpyOptions { orientation: FrameOrientation::Matrix, ..NpyOptions::default() };
+    let matrix = eit_hw::npy::read(&path, &NpyOptions::default()).unwrap();
+    let frame = eit_hw::npy::read(&path, &by_matrix).unwrap();
     assert_eq!(matrix.real.dim(), (16, 79));
     assert_eq!(frame.real.dim(), (1, 16 * 79));
     for ((measurement, pattern), value) in matrix.real.indexed_iter() {

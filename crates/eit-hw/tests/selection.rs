@@ -13,8 +13,9 @@ mod common;
 use common::{ascending, name, opposite, rotated};
 use eit_hw::csv::{CsvOptions, parse};
 use eit_hw::{
-    Component, CountHint, HwError, Layout, OrderVerdict, Quadruple, Quality, Recording,
-    reciprocity_error, recognise_order,
+    Component, CountHint, FrameMap, FrameOrientation, HwError, Layout, OrderVerdict, Projection,
+    Quadruple, Quality, ReadOptions, Recording, Unit, read_recording, reciprocity_error,
+    recognise_order,
 };
 use ndarray::array;
 use proptest::prelude::*;
@@ -142,6 +143,61 @@ fn counts_that_differ_are_explained() {
     assert_eq!(hint(207, 1, 208), CountHint::Unknown);
 }
 
+/// A table of 2 frames of 4 values in either file format and the options by which its frames are
+/// the columns; what the message then says mends it.
+#[test]
+fn a_swapped_table_is_mended_by_the_key_of_the_message() {
+    let folder = tempfile::tempdir().unwrap();
+    let columns = [[1_u8, 5], [2, 6], [3, 7], [4, 8]];
+    let text: String = columns.iter().map(|[a, b]| format!("{a},{b}\n")).collect();
+    let header = b"\x93NUMPY\x01\x00\x39\x00{'descr': '|u1', 'fortran_order': False, \
+        'shape': (4, 2)}";
+    let npy = [header.as_slice(), columns.as_flattened()].concat();
+    for (name, bytes) in [("f.csv", text.as_bytes()), ("f.npy", npy.as_slice())] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let frames = |frames_are, count| {
+            let options = ReadOptions { frames_are, ..ReadOptions::default() };
+            read_recording(&path, None, &options).unwrap().frames_for(None, count, Component::Real)
+        };
+        let refused = |frames_are, count, key: &str| {
+            let message = frames(frames_are, count).unwrap_err().to_string();
+            assert!(
+                message.contains(&format!("set `[recording] frames_are = \"{key}\"`")),
+                "{message}"
+            );
+        };
+        let by = |orientation, count| frames(Some(orientation), count).unwrap().values;
+        refused(None, 4, "columns");
+        refused(Some(FrameOrientation::Rows), 4, "columns");
+        let wanted = array![[1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]];
+        assert_eq!(by(FrameOrientation::Columns, 4), wanted);
+        refused(Some(FrameOrientation::Columns), 2, "rows");
+        assert_eq!(by(FrameOrientation::Rows, 2), wanted.t());
+        refused(None, 8, "matrix");
+        refused(Some(FrameOrientation::Columns), 8, "matrix");
+        let matrix = array![[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0]];
+        assert_eq!(by(FrameOrientation::Matrix, 8), matrix);
+    }
+}
+
+#[test]
+fn a_format_that_is_no_table_has_no_hint_about_tables() {
+    let mut recording = complex();
+    recording.frames_are = None;
+    for wanted in [2, 6] {
+        match recording.frames_for(None, wanted, Component::Real) {
+            Err(HwError::CountMismatch { frames: 2, hint, .. }) => {
+                assert_eq!(
+                    hint,
+                    if wanted == 2 { CountHint::Unknown } else { CountHint::ReciprocalOnly }
+                );
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
 #[test]
 fn frames_come_one_by_one() {
     let mut recording = complex();
@@ -152,6 +208,179 @@ fn frames_come_one_by_one() {
     assert_eq!(list[1].values, [6.0, 0.0, 3.0]);
     assert_eq!((list[1].sequence, list[1].device_time_s), (1, Some(0.05)));
     assert_eq!(frames.mean_frame(), [4.5, 0.0, -1.5]);
+}
+
+#[test]
+fn means_are_of_good_values_of_some_frames() {
+    let mut recording =
+        parse(b"1,2\n3,4\n5,6\n7,8\n", &name("f.csv"), &CsvOptions::default()).unwrap();
+    for frame in [1, 2] {
+        recording.quality[[frame, 1]] = Quality::STUCK;
+        recording.real[[frame, 1]] = f64::NAN;
+    }
+    let frames = recording.frames_for(None, 2, Component::Real).unwrap();
+    assert_eq!(frames.mean_of(0..2), (vec![2.0, 2.0], vec![true, true]));
+    assert_eq!(frames.mean_of(0..4), (vec![4.0, 5.0], vec![true, true]));
+    assert_eq!(frames.mean_of(3..usize::MAX), (vec![7.0, 8.0], vec![true, true]));
+    let (mean, good) = frames.mean_of(1..3);
+    assert_eq!((mean[0], good), (4.0, vec![true, false]));
+    assert!(mean[1].is_nan());
+    for none in [2..2, 9..12] {
+        assert_eq!(frames.mean_of(none).1, [false, false]);
+    }
+    assert_eq!(frames.mean_frame(), frames.mean_of(0..4).0);
+}
+
+#[test]
+fn values_become_volts() {
+    let frames = |unit, current_a| {
+        let mut recording = parse(b"1,-2\n", &name("f.csv"), &CsvOptions::default()).unwrap();
+        (recording.unit, recording.current_a) = (unit, current_a);
+        recording.frequency_hz = Some(1e3);
+        let mut frames = recording.frames_for(None, 2, Component::Real).unwrap();
+        assert_eq!((frames.current_a, frames.frequency_hz), (current_a, Some(1e3)));
+        frames.to_volts(0.5);
+        let once = frames.clone();
+        frames.to_volts(0.5);
+        assert_eq!(frames, once);
+        let Unit::Volt = frames.unit else {
+            assert_eq!((unit, current_a), (frames.unit, frames.current_a));
+            return frames.values;
+        };
+        assert_eq!(frames.current_a, Some(0.5));
+        frames.values
+    };
+    let unchanged = array![[1.0, -2.0]];
+    assert_eq!(frames(Unit::Ohm, None), array![[0.5, -1.0]]);
+    assert_eq!(frames(Unit::Volt, Some(0.25)), array![[2.0, -4.0]]);
+    assert_eq!(frames(Unit::Volt, None), unchanged);
+    assert_eq!(frames(Unit::Volt, Some(0.0)), unchanged);
+    assert_eq!(frames(Unit::Arbitrary, Some(0.25)), unchanged);
+}
+
+/// What a stream takes from its values is what `frames_for` takes of the same values in a file.
+#[test]
+fn frames_one_by_one_are_those_of_the_recording() {
+    let mut recording = complex();
+    recording.quality[[0, 2]] = Quality::OPEN;
+    let quadruples = [[1, 0, 0, 2], [0, 1, 2, 1]];
+    let potentials = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
+    let named = Layout::Quadruples(vec![[0, 1, 1, 2], [0, 1, 0, 2], [2, 0, 1, 2]]);
+    for (layout, quadruples, count) in [
+        (Layout::AsScene, None, 3),
+        (potentials, Some(&quadruples[..]), 2),
+        (named, Some(&quadruples), 2),
+    ] {
+        recording.layout = layout;
+        let map =
+            FrameMap::new(&recording.layout, 3, quadruples, count, "stream".as_ref()).unwrap();
+        assert_eq!((map.measurements(), map.value_count()), (count, 3));
+        for component in
+            [Component::Real, Component::Imaginary, Component::Magnitude, Component::Phased]
+        {
+            let frames = recording.frames_for(quadruples, count, component).unwrap();
+            let projection = match component {
+                Component::Real => Projection::Real,
+                Component::Imaginary => Projection::Imaginary,
+                Component::Magnitude => Projection::Magnitude,
+                Component::Phased => Projection::Axis { angle_rad: frames.phase_rad.unwrap() },
+            };
+            let imaginary = recording.imaginary.as_ref().unwrap();
+            for mut frame in frames.frames() {
+                let (values, quality) = (frame.values.clone(), frame.quality.clone());
+                frame.values.fill(f64::NAN);
+                frame.quality.fill(Quality::MISSING);
+                let row = usize::try_from(frame.sequence).unwrap();
+                map.apply_into(
+                    recording.real.row(row).as_slice().unwrap(),
+                    imaginary.row(row).as_slice(),
+                    recording.quality.row(row).as_slice().unwrap(),
+                    projection,
+                    &mut frame.values,
+                    &mut frame.quality,
+                )
+                .unwrap();
+                assert_eq!((frame.values, frame.quality), (values, quality));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_map_refuses_what_does_not_fit() {
+    let map = FrameMap::new(&Layout::AsScene, 2, None, 2, "stream".as_ref()).unwrap();
+    let good = [Quality::GOOD; 3];
+    let apply = |real: &[f64], imaginary, quality: &[Quality], values: usize, flags: usize| {
+        let (mut values, mut flags) = (vec![7.0; values], vec![Quality::OPEN; flags]);
+        let result =
+            map.apply_into(real, imaginary, quality, Projection::Real, &mut values, &mut flags);
+        if result.is_err() {
+            assert!(values.iter().all(|value| *value == 7.0));
+            assert!(flags.iter().all(|flags| *flags == Quality::OPEN));
+        }
+        result
+    };
+    assert!(apply(&[1.0, 2.0], None, &good[..2], 2, 2).is_ok());
+    let short: Option<&[f64]> = Some(&[1.0]);
+    for (result, wrong) in [
+        (apply(&[1.0], None, &good[..2], 2, 2), "real"),
+        (apply(&[1.0, 2.0], short, &good[..2], 2, 2), "imaginary"),
+        (apply(&[1.0, 2.0], None, &good, 2, 2), "quality"),
+        (apply(&[1.0, 2.0], None, &good[..2], 1, 2), "values"),
+        (apply(&[1.0, 2.0], None, &good[..2], 2, 3), "flags"),
+    ] {
+        match result {
+            Err(HwError::Inconsistent { field, wanted: 2, .. }) => assert_eq!(field, wrong),
+            other => panic!("{other:?}"),
+        }
+    }
+    let mut out = ([0.0; 2], [Quality::GOOD; 2]);
+    let refused = map
+        .apply_into(&[1.0, 2.0], None, &good[..2], Projection::Imaginary, &mut out.0, &mut out.1)
+        .unwrap_err();
+    assert!(matches!(refused, HwError::NoImaginaryPart { .. }));
+    let new = |layout, value_count, count| {
+        FrameMap::new(&layout, value_count, None, count, "stream".as_ref()).unwrap_err()
+    };
+    let message = new(Layout::AsScene, 256, 208).to_string();
+    assert!(message.starts_with("stream: 256 values") && message.contains("\"keep\""), "{message}");
+    let short = new(Layout::Quadruples(vec![[0, 1, 2, 3]]), 2, 2);
+    assert!(matches!(short, HwError::Inconsistent { field: "layout", found: 1, wanted: 2, .. }));
+}
+
+#[test]
+fn the_memory_order_of_a_recording_does_not_matter() {
+    let recording = complex();
+    let transposed =
+        |array: &ndarray::Array2<f64>| array.t().as_standard_layout().into_owned().reversed_axes();
+    let mut other = recording.clone();
+    other.real = transposed(&recording.real);
+    other.imaginary = recording.imaginary.as_ref().map(transposed);
+    assert!(!other.real.is_standard_layout());
+    for component in [Component::Real, Component::Phased] {
+        assert_eq!(
+            other.frames_for(None, 3, component).unwrap(),
+            recording.frames_for(None, 3, component).unwrap()
+        );
+    }
+}
+
+#[test]
+fn flags_come_back_from_their_bits() {
+    let flags = [
+        Quality::SATURATED,
+        Quality::STUCK,
+        Quality::OPEN,
+        Quality::OVER_RANGE,
+        Quality::NON_FINITE,
+        Quality::MISSING,
+    ];
+    for bits in 0..=u16::MAX {
+        let some = flags.iter().filter(|flag| flag.bits() & bits != 0);
+        let quality = some.fold(Quality::GOOD, |all, &flag| all | flag);
+        // bits of no flag are refused
+        assert_eq!(Quality::from_bits(bits), (quality.bits() == bits).then_some(quality));
+    }
 }
 
 /// A reciprocal value for each quadruple: symmetric in drive and measured pair, odd in either.

@@ -79,7 +79,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Answer, CliError> {
         "hyperparameter_rule": imaging.rule,
         "scores": scores,
         "stages": progress.times(),
-        "files": out.written(),
+        "files": out.names(),
     });
     out.write("report.json", |w| writeln!(w, "{report:#}").map_err(io))?;
     let text = format!(
@@ -95,6 +95,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Answer, CliError> {
         scores["two_fingers_correlation"].as_f64().unwrap_or(f64::NAN),
         out.path().join("truth_and_image.png").display()
     );
+    out.commit(&[])?;
     Ok(Answer { text, json: report })
 }
 

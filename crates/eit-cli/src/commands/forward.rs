@@ -23,6 +23,7 @@ pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
         let mut solution = setup.model.solve(&sigma, &mut workspace)?;
         Ok::<_, CliError>((solution.measurements(), solution.report()))
     })?;
+    let warning = pipeline::certain(&report)?;
     out.write(|writer| match format.as_str() {
         "npy" => write_npy(&voltages, writer),
         _ => write_csv(voltages.view().insert_axis(Axis(0)), writer),
@@ -35,12 +36,15 @@ pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
         report.backward_error,
         args.out.display()
     );
+    let text = [Some(text), warning.clone().map(|w| format!("warning: {w}"))];
+    let text = text.into_iter().flatten().collect::<Vec<_>>().join("\n");
     let json = json!({
         "scene": scene.name,
-        "out": args.out,
+        "out": args.out.display().to_string(),
         "measurements": voltages.len(),
         "elements": setup.model.elements(),
         "largest_v": largest,
+        "warning": warning,
         "solve": solve_json(&report),
         "stages": progress.times(),
     });

@@ -22,6 +22,7 @@ pub(crate) fn run(args: &JacobianArgs) -> Result<Answer, CliError> {
         let mut solution = setup.model.solve(&sigma, &mut workspace)?;
         Ok::<_, CliError>((solution.jacobian(), solution.report()))
     })?;
+    let warning = pipeline::certain(&report)?;
     out.write(|writer| write_npy(&jacobian, writer))?;
     let [rows, columns] = [jacobian.nrows(), jacobian.ncols()];
     let text = format!(
@@ -31,10 +32,13 @@ pub(crate) fn run(args: &JacobianArgs) -> Result<Answer, CliError> {
         report.backward_error,
         args.out.display()
     );
+    let text = [Some(text), warning.clone().map(|w| format!("warning: {w}"))];
+    let text = text.into_iter().flatten().collect::<Vec<_>>().join("\n");
     let json = json!({
         "scene": scene.name,
-        "out": args.out,
+        "out": args.out.display().to_string(),
         "shape": [rows, columns],
+        "warning": warning,
         "solve": solve_json(&report),
         "stages": progress.times(),
     });

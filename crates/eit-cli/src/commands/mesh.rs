@@ -28,7 +28,7 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
     })?;
     let json = json!({
         "scene": scene.name,
-        "out": args.out,
+        "out": args.out.display().to_string(),
         "nodes": quality.nodes,
         "triangles": quality.triangles,
         "rim_edges": quality.rim_edges,

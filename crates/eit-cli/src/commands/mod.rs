@@ -28,6 +28,7 @@ fn solve_json(report: &SolveReport) -> Value {
         "factor_entries": report.factor_entries,
         "field_solves": report.field_solves,
         "backward_error": report.backward_error,
+        "expected_loss": report.expected_loss,
         "time_s": report.time_s,
     })
 }

@@ -40,6 +40,11 @@ struct Stage {
 
 /// Builds what sizes need (mesh and symbolic factorisation), predicts the rest.
 pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
+    if args.print_scene {
+        let text = Scene::text(&args.scene)?;
+        let json = json!({ "scene": text });
+        return Ok(Answer { text: text.trim_end().to_owned(), json });
+    }
     let scene = Scene::load(&args.scene)?;
     let mut progress = Progress::default();
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;

@@ -36,6 +36,17 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let model_voltages = linearised.voltages.to_vec();
     let fit = frames.fit_model(&model_voltages, kind, scene.skin.conductivity_s)?;
     let imaging = pipeline::imaging(&scene, &setup, &linearised, &frames, &mut progress)?;
+    if let HyperparameterStatus::AtLowerEdge | HyperparameterStatus::AtUpperEdge =
+        imaging.chosen.status
+    {
+        let rule = &imaging.rule;
+        frames.notes.push(format!(
+            "{rule} found no optimum inside its range ({}): images may be useless; take \
+             [reconstruction] hyperparameter = \"noise-figure\" or a number",
+            status_words(imaging.chosen.status)
+        ));
+    }
+    frames.notes.extend(linearised.warning.clone());
     let images = imaging.images(&frames, &mut progress)?;
 
     out.write("images.npy", |w| write_npy(&images.values(), w))?;
@@ -48,7 +59,9 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let report = report(&scene, &setup, &linearised, &frames, (&imaging, fit), &progress)?;
     let json = with_files(report, &out);
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
-    Ok(Answer { text: text(&frames, &imaging, &json, &out), json })
+    let text = text(&frames, &imaging, &json, &out);
+    out.commit(&["movie.gif", "hyperparameter.png"])?;
+    Ok(Answer { text, json })
 }
 
 /// This version has one method; the scene must not ask for another.
@@ -85,7 +98,7 @@ pub(super) fn picture_settings(
     PictureSettings {
         title: scene.name.clone(),
         footnote: format!(
-            "one-step Gauss-Newton, {} prior, hyperparameter {:.3e} by {}, {kind} difference",
+            "one-step Gauss-Newton, {} prior, hyperparameter {:.3e} ({}), {kind} difference",
             report.prior, report.hyperparameter, imaging.rule
         ),
         labels: match rate_hz {
@@ -146,7 +159,7 @@ fn curve_picture(imaging: &Imaging) -> Result<Option<Canvas>, CliError> {
         false => ["hyperparameter λ", "cross-validation function"],
     };
     let plot = Plot {
-        title: format!("Hyperparameter by {}", imaging.rule),
+        title: format!("Hyperparameter: {}", imaging.rule),
         footnote: format!("λ = {:.3e}: {}", chosen.hyperparameter, status_words(chosen.status)),
         x_label: x_label.to_owned(),
         y_label: y_label.to_owned(),
@@ -231,9 +244,9 @@ fn report(
 }
 
 fn with_files(mut report: Value, out: &OutFolder) -> Value {
-    let mut files = out.written().to_vec();
-    files.push("report.json".to_owned());
-    report["out"] = json!(out.path());
+    let mut files = out.names();
+    files.push("report.json");
+    report["out"] = json!(out.path().display().to_string());
     report["files"] = json!(files);
     report
 }
@@ -255,13 +268,13 @@ fn text(frames: &Frames, imaging: &Imaging, json: &Value, out: &OutFolder) -> St
         json["model_gain"].as_f64().unwrap_or(f64::NAN)
     ));
     lines.push(format!(
-        "hyperparameter {:.3e} by {} ({}), {:.1} degrees of freedom",
+        "hyperparameter {:.3e}, {} ({}), {:.1} degrees of freedom",
         inverse.hyperparameter,
         imaging.rule,
         status_words(imaging.chosen.status),
         inverse.degrees_of_freedom
     ));
     lines.extend(frames.notes.iter().map(|n| format!("note: {n}")));
-    lines.push(format!("written to {}: {}", out.path().display(), out.written().join(", ")));
+    lines.push(format!("written to {}: {}", out.path().display(), out.names().join(", ")));
     lines.join("\n")
 }

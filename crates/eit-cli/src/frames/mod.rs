@@ -102,6 +102,9 @@ pub(crate) fn load(
 fn files_of(scene: &Scene, given: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
     match (given, &scene.recording.file) {
         ([], Some(OneOrManyFiles::One(file))) => Ok(vec![scene.resolve(file)]),
+        ([], Some(OneOrManyFiles::Many(files))) if files.is_empty() => {
+            Err(CliError::input("recording.file is an empty list").within(&scene.place))
+        }
         ([], Some(OneOrManyFiles::Many(files))) => {
             Ok(files.iter().map(|f| scene.resolve(f)).collect())
         }
@@ -114,7 +117,10 @@ fn files_of(scene: &Scene, given: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> 
 }
 
 const DRIVEN: &str = "on current-carrying electrodes";
-const ZERO: &str = "zero in the reference frame";
+const ZERO: &str = "zero, or almost, in the reference frame";
+/// What counts as almost zero, relative to the largest value of the reference frame: changes
+/// divided by less are noise of any instrument (120 dB).
+const ALMOST_ZERO: f64 = 1e-6;
 const BAD_REFERENCE: &str = "flagged bad in the reference";
 const MOSTLY_BAD: &str = "flagged bad in more than half of the frames";
 
@@ -129,6 +135,8 @@ fn reasons_to_leave_out(
 ) -> Vec<Option<&'static str>> {
     let driven = on_driven_electrodes(protocol);
     let normalised = scene.difference_kind(protocol) == DifferenceKind::Normalised;
+    let finite = reference.iter().filter(|v| v.is_finite());
+    let largest = finite.fold(0.0_f64, |m, v| m.max(v.abs()));
     let frames = loaded.quality.nrows();
     let bad = |i: usize| loaded.quality.column(i).iter().filter(|q| !q.is_good()).count();
     (0..protocol.measurements())
@@ -136,7 +144,7 @@ fn reasons_to_leave_out(
             _ if driven[i] && !scene.reconstruction.use_driven_electrodes => Some(DRIVEN),
             _ if !reference_good[i] || !reference[i].is_finite() => Some(BAD_REFERENCE),
             _ if 2 * bad(i) > frames => Some(MOSTLY_BAD),
-            _ if normalised && reference[i] == 0.0 => Some(ZERO),
+            _ if normalised && reference[i].abs() <= ALMOST_ZERO * largest => Some(ZERO),
             _ => None,
         })
         .collect()

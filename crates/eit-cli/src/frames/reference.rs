@@ -35,7 +35,11 @@ pub(super) fn take(
             None => return from_file(scene, protocol, &scene.resolve(Path::new(text))),
         },
     };
-    if range.end > count || range.is_empty() {
+    if range.is_empty() {
+        let message = format!("reference {words}: the range is empty; N..M ends before frame M");
+        return Err(CliError::input(message));
+    }
+    if range.end > count {
         let last = count - 1;
         let message = format!("reference {words}: the recording has frames 0 to {last}");
         return Err(CliError::input(message));

@@ -159,7 +159,11 @@ pub(crate) enum PictureError {
         y_m: f64,
     },
     /// A raster without area.
-    #[error("the raster's borders {0:?} must be finite, with min below max")]
+    #[error(
+        "the skin spans x {} to {} m and y {} to {} m, seen from above: it must have width and \
+         height there",
+        .0.x_min_m, .0.x_max_m, .0.y_min_m, .0.y_max_m
+    )]
     Extent(Extent),
     /// Labels do not fit the frames.
     #[error("{labels} labels for {frames} frames; give one for each frame")]

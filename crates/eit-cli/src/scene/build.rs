@@ -1,6 +1,6 @@
 //! From the scene's keys to the settings of the library crates.
 
-use super::{DifferenceKind, Direction, Driven, OneOrMany, Order, Scene, Shape};
+use super::{DifferenceKind, Direction, Driven, OneOrMany, Order, Pair, Scene, Shape, plain};
 use crate::error::CliError;
 use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol, Protocol};
 use eit_mesh::{Mesh, MeshSettings, Placement, RimElectrodes, SkinShape};
@@ -44,6 +44,9 @@ impl Scene {
     /// The mesh this scene asks for, checked; `nodes` overrides its density.
     pub fn mesh(&self, nodes: Option<usize>) -> Result<SceneMesh, CliError> {
         if let Shape::Mesh = self.skin.shape {
+            if nodes.is_some() {
+                return Err(self.error("--nodes is for generated meshes, not for files".to_owned()));
+            }
             let file = self.needed(self.skin.file.as_deref(), "skin.file", "shape = \"mesh\"")?;
             return Ok(SceneMesh::File(self.resolve(file)));
         }
@@ -55,6 +58,7 @@ impl Scene {
             edge_m: self.mesh.edge_m,
             electrode_edge_m: self.mesh.electrode_edge_m,
             grading: self.mesh.grading.unwrap_or(default.grading),
+            node_limit: self.mesh.node_limit.unwrap_or(default.node_limit),
             ..default
         };
         settings.validate()?;
@@ -76,8 +80,12 @@ impl Scene {
                 height_m: self.needed(skin.height_m, "skin.height_m", "a rectangle")?,
             },
             Shape::Polygon | Shape::Mesh => SkinShape::Polygon {
-                outline_m: self.needed(skin.outline.clone(), "skin.outline", "a polygon")?,
-                holes_m: skin.holes.clone(),
+                outline_m: open_loop(&self.needed(
+                    skin.outline.as_ref(),
+                    "skin.outline",
+                    "a polygon",
+                )?),
+                holes_m: skin.holes.iter().map(|h| open_loop(h)).collect(),
             },
         })
     }
@@ -87,9 +95,9 @@ impl Scene {
         let keys = &self.electrodes;
         let width_m = self.needed(keys.width_m, "electrodes.width_m", "electrodes")?;
         let placement = match (&keys.positions_m, keys.count) {
-            (Some(positions), None) => Placement::At(positions.clone()),
+            (Some(positions), None) => Placement::At(plain(positions)),
             (Some(positions), Some(count)) if count == positions.len() => {
-                Placement::At(positions.clone())
+                Placement::At(plain(positions))
             }
             (Some(positions), Some(count)) => {
                 return Err(self.error(format!(
@@ -136,14 +144,14 @@ impl Scene {
         } else {
             self.pair_protocol(electrodes)?.protocol()
         };
-        found.map_err(|e| CliError::from(e).within(&self.name))
+        found.map_err(|e| CliError::from(e).within(&self.place))
     }
 
     /// The scene's pair protocol, where it is one.
     pub fn pair_protocol(&self, electrodes: usize) -> Result<PairProtocol, CliError> {
         let keys = &self.protocol;
         let drive = match &keys.pairs {
-            Some(pairs) => PairPattern::Pairs(pairs.clone()),
+            Some(pairs) => PairPattern::Pairs(plain(pairs)),
             None => self.pattern("protocol.drive", keys.drive.as_deref())?,
         };
         Ok(PairProtocol {
@@ -178,23 +186,24 @@ impl Scene {
 
     fn quadruples(&self, file: &Path) -> Result<Vec<[u32; 4]>, CliError> {
         let path = self.resolve(file);
-        let text = std::fs::read_to_string(&path)
-            .map_err(|e| CliError::input(format!("{}: {e}", path.display())))?;
-        let mut quadruples = Vec::new();
-        for (index, line) in text.lines().enumerate() {
-            let line = line.split('#').next().unwrap_or_default().trim();
-            if line.is_empty() {
-                continue;
-            }
-            let numbers: Result<Vec<u32>, _> = line.split(',').map(|n| n.trim().parse()).collect();
-            let Some(quadruple) = numbers.ok().and_then(|n| <[u32; 4]>::try_from(n).ok()) else {
-                let wanted = "four electrode indices a,b,m,n from 0";
-                let at = format!("{}: line {}", path.display(), index + 1);
-                return Err(CliError::input(format!("{at}: \"{line}\" is not {wanted}")));
-            };
-            quadruples.push(quadruple);
-        }
-        Ok(quadruples)
+        let table = eit_hw::csv::read(&path, &eit_hw::csv::CsvOptions::default())?.real;
+        let index = |value: &f64| {
+            let whole = value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(value);
+            whole.then_some(*value as u32)
+        };
+        let rows = table.rows().into_iter().enumerate();
+        rows.map(|(row, values)| {
+            let numbers: Option<Vec<u32>> = values.iter().map(index).collect();
+            numbers.and_then(|n| <[u32; 4]>::try_from(n).ok()).ok_or_else(|| {
+                let found: Vec<f64> = values.to_vec();
+                CliError::input(format!(
+                    "{}: row {}: {found:?} is not four electrode indices a,b,m,n from 0",
+                    path.display(),
+                    row + 1
+                ))
+            })
+        })
+        .collect()
     }
 
     fn pattern_protocol(
@@ -240,7 +249,7 @@ impl Scene {
     }
 
     fn error(&self, message: String) -> CliError {
-        CliError::input(message).within(&self.name)
+        CliError::input(message).within(&self.place)
     }
 }
 
@@ -250,4 +259,13 @@ fn read_patterns(path: &Path, electrodes: usize) -> Result<ndarray::Array2<f64>,
     // the reader takes one column for one frame: here it is one pattern
     let one_pattern = matrix.dim() == (1, electrodes) && electrodes > 1;
     Ok(if one_pattern { matrix.reversed_axes() } else { matrix })
+}
+
+/// Corners of a loop; a first corner repeated at the end, as other tools write it, is dropped.
+fn open_loop(corners: &[Pair<f64>]) -> Vec<[f64; 2]> {
+    let mut corners = plain(corners);
+    if corners.len() > 1 && corners.first() == corners.last() {
+        corners.pop();
+    }
+    corners
 }

@@ -11,7 +11,7 @@ const MOST_PIXELS: usize = 4096;
 impl Scene {
     /// Refuses what cannot be, and what would silently have no effect.
     pub(super) fn check(&self) -> Result<(), CliError> {
-        self.check_numbers().and_then(|()| self.check_company()).map_err(|e| e.within(&self.name))
+        self.check_numbers().and_then(|()| self.check_company()).map_err(|e| e.within(&self.place))
     }
 
     fn check_numbers(&self) -> Result<(), CliError> {
@@ -70,6 +70,12 @@ impl Scene {
             (measure, quadruples),
             (measure, stimulation),
             (positions, angle),
+            (("skin.radius_m", skin.radius_m.is_some()), ("skin.width_m", skin.width_m.is_some())),
+            (("skin.radius_m", skin.radius_m.is_some()), ("skin.outline", skin.outline.is_some())),
+            (("skin.width_m", skin.width_m.is_some()), ("skin.outline", skin.outline.is_some())),
+            (file, ("skin.radius_m", skin.radius_m.is_some())),
+            (file, ("mesh.nodes", mesh.nodes.is_some())),
+            (file, ("mesh.edge_m", mesh.edge_m.is_some())),
             (("mesh.nodes", mesh.nodes.is_some()), ("mesh.edge_m", mesh.edge_m.is_some())),
             (file, ("electrodes.count", electrodes.count.is_some())),
             (file, ("electrodes.width_m", electrodes.width_m.is_some())),

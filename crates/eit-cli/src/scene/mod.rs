@@ -46,6 +46,9 @@ pub(crate) struct Scene {
     /// Name for titles: the file's stem or the built-in name.
     #[serde(skip)]
     pub name: String,
+    /// The file or built-in name as given, for messages.
+    #[serde(skip)]
+    pub place: String,
     /// Folder that relative paths start from.
     #[serde(skip)]
     pub folder: PathBuf,
@@ -59,9 +62,9 @@ pub(crate) struct Skin {
     pub radius_m: Option<f64>,
     pub width_m: Option<f64>,
     pub height_m: Option<f64>,
-    pub outline: Option<Vec<[f64; 2]>>,
+    pub outline: Option<Vec<Pair<f64>>>,
     #[serde(default)]
-    pub holes: Vec<Vec<[f64; 2]>>,
+    pub holes: Vec<Vec<Pair<f64>>>,
     pub file: Option<PathBuf>,
     pub conductivity_s: f64,
 }
@@ -86,7 +89,7 @@ pub(crate) struct Electrodes {
     #[serde(default)]
     pub direction: Direction,
     pub contact_impedance_ohm_m: Option<OneOrMany>,
-    pub positions_m: Option<Vec<[f64; 2]>>,
+    pub positions_m: Option<Vec<Pair<f64>>>,
 }
 
 /// `electrodes.direction`
@@ -96,6 +99,25 @@ pub(crate) enum Direction {
     #[default]
     Counterclockwise,
     Clockwise,
+}
+
+/// Exactly two values; a plain array type would drop a third one silently.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(try_from = "Vec<T>", bound = "T: Deserialize<'de> + Copy")]
+pub(crate) struct Pair<T: Copy>(pub [T; 2]);
+
+impl<T: Copy> TryFrom<Vec<T>> for Pair<T> {
+    type Error = String;
+
+    fn try_from(values: Vec<T>) -> Result<Self, String> {
+        let found = values.len();
+        values.try_into().map(Self).map_err(|_| format!("{found} values where two are wanted"))
+    }
+}
+
+/// The plain pairs of a list.
+fn plain<T: Copy>(pairs: &[Pair<T>]) -> Vec<[T; 2]> {
+    pairs.iter().map(|p| p.0).collect()
 }
 
 /// One value for all electrodes, or one for each.
@@ -112,7 +134,7 @@ pub(crate) enum OneOrMany {
 pub(crate) struct ProtocolKeys {
     pub drive: Option<String>,
     pub measure: Option<String>,
-    pub pairs: Option<Vec<[u32; 2]>>,
+    pub pairs: Option<Vec<Pair<u32>>>,
     pub quadruples_file: Option<PathBuf>,
     pub stimulation_file: Option<PathBuf>,
     pub measurement_file: Option<PathBuf>,
@@ -151,6 +173,7 @@ pub(crate) struct MeshKeys {
     pub electrode_edge_m: Option<f64>,
     pub grading: Option<f64>,
     pub nodes: Option<usize>,
+    pub node_limit: Option<usize>,
 }
 
 /// `[recording]`
@@ -270,32 +293,37 @@ pub(crate) struct Noise {
 }
 
 impl Scene {
-    /// Reads a scene file, or takes a built-in scene by its name.
+    /// Reads a scene file, or takes a built-in scene by its name, and checks it.
     pub fn load(name_or_path: &str) -> Result<Self, CliError> {
-        if let Some(text) = builtin::text(name_or_path) {
-            let mut scene = parse::parse(text, name_or_path)?;
-            scene.name = name_or_path.to_owned();
-            scene.check()?;
-            return Ok(scene);
+        let mut scene = parse::parse(&Self::text(name_or_path)?, name_or_path)?;
+        scene.place = name_or_path.to_owned();
+        scene.name = name_or_path.to_owned();
+        if builtin::text(name_or_path).is_none() {
+            let path = Path::new(name_or_path);
+            scene.name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
+            scene.folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
         }
-        let path = Path::new(name_or_path);
-        let bytes = std::fs::read(path).map_err(|e| {
+        scene.check()?;
+        Ok(scene)
+    }
+
+    /// The text of a scene file or built-in scene.
+    pub fn text(name_or_path: &str) -> Result<String, CliError> {
+        if let Some(text) = builtin::text(name_or_path) {
+            return Ok(text.to_owned());
+        }
+        let bytes = std::fs::read(name_or_path).map_err(|e| {
             CliError::input(format!(
                 "{name_or_path}: {e}; give a scene file (TOML) or a built-in scene: {}",
                 BUILT_IN.join(", ")
             ))
         })?;
-        let text = String::from_utf8(bytes).map_err(|e| {
+        String::from_utf8(bytes).map_err(|e| {
             CliError::input(format!(
                 "{name_or_path}: byte {}: not text; a scene file is TOML in UTF-8",
                 e.utf8_error().valid_up_to()
             ))
-        })?;
-        let mut scene = parse::parse(&text, name_or_path)?;
-        scene.name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
-        scene.folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
-        scene.check()?;
-        Ok(scene)
+        })
     }
 
     /// A path of the scene as seen from the working folder.

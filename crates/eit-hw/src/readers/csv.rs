@@ -1,4 +1,4 @@
-//! Numbers as text: one frame a row, or one frame a column.
+//! Numbers as text: one frame a row, one frame a column, or one frame as a matrix.
 //!
 //! Fields are separated by semicolons, commas, tabs or spaces, whichever of these the first line
 //! of numbers holds, looked for in this order. Everything after `#` is a comment. A first line of
@@ -7,29 +7,18 @@
 
 use std::path::Path;
 
-use ndarray::Array2;
-
+pub use super::FrameOrientation;
 use super::{Format, file_bytes, table, text};
 use crate::error::{HwError, Place};
 use crate::recording::{Layout, Note, Recording, Unit};
-
-/// What one frame is in a CSV file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum FrameOrientation {
-    /// A row.
-    #[default]
-    Rows,
-    /// A column.
-    Columns,
-}
 
 /// How a CSV file is laid out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CsvOptions {
     /// What one frame is.
     pub orientation: FrameOrientation,
-    /// Rows (or columns) alternate: real parts of frame 0, imaginary parts of frame 0, real parts
-    /// of frame 1 and so on.
+    /// Rows (or columns, also those of a matrix) alternate: real parts of frame 0, imaginary parts
+    /// of frame 0, real parts of frame 1 and so on.
     pub complex: bool,
 }
 
@@ -47,26 +36,24 @@ pub fn read(path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
 ///
 /// # Errors
 /// [`HwError`] for an empty or binary file, a field that is no number, a NaN or infinite value, a
-/// row of another length than the first, and an odd number of rows where they alternate.
+/// row of another length than the first, and an odd number of rows or columns where they alternate.
 pub fn parse(bytes: &[u8], path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
     let content = text::decode(bytes, path)?;
     let mut rows = Rows::default();
     for (line, row) in text::lines(content) {
-        rows.push(row, line, path, options)?;
+        rows.push(row, line, path)?;
+    }
+    let CsvOptions { orientation, complex } = *options;
+    if let Some(NonFinite { line, at, value }) = rows.non_finite {
+        let (frame, measurement) = table::position(at, rows.count, orientation, complex);
+        let place = Place::line(path, line);
+        return Err(HwError::NonFinite { place, frame, measurement, value });
     }
     let table = table::frames(rows.values, rows.columns, path, 0)?;
-    let table = match options.orientation {
-        FrameOrientation::Rows => table,
-        FrameOrientation::Columns => table.reversed_axes(),
-    };
-    let (real, imaginary) = if options.complex {
-        let (real, imaginary) = alternating(&table, path, options.orientation)?;
-        (real, Some(imaginary))
-    } else {
-        (table.as_standard_layout().into_owned(), None)
-    };
+    let (real, imaginary) = table::oriented(table, orientation, complex, path)?;
     let mut recording =
         Recording::new(real, imaginary, Layout::AsScene, Unit::Arbitrary, Format::Csv, path);
+    recording.frames_are = Some(orientation);
     recording.notes.extend(rows.header.map(|line| Note::HeaderLine { line }));
     recording.notes.extend(text::line_without_end(content).map(|line| Note::NoLineEnd { line }));
     Ok(recording)
@@ -80,6 +67,16 @@ struct Rows {
     count: usize,
     separator: Option<Separator>,
     header: Option<usize>,
+    /// The first; its measurement may depend on the number of rows.
+    non_finite: Option<NonFinite>,
+}
+
+/// A value that is NaN or infinite.
+struct NonFinite {
+    line: usize,
+    /// Row and column of the table.
+    at: [usize; 2],
+    value: f64,
 }
 
 #[derive(Clone, Copy)]
@@ -89,13 +86,7 @@ enum Separator {
 }
 
 impl Rows {
-    fn push(
-        &mut self,
-        line: &str,
-        number: usize,
-        path: &Path,
-        options: &CsvOptions,
-    ) -> Result<(), HwError> {
+    fn push(&mut self, line: &str, number: usize, path: &Path) -> Result<(), HwError> {
         let line = line.split('#').next().unwrap_or_default().trim();
         if line.is_empty() {
             return Ok(());
@@ -110,10 +101,9 @@ impl Rows {
         let mut columns = 0;
         for field in fields(line, separator) {
             let value = text::number(field, columns + 1, || Place::line(path, number))?;
-            if !value.is_finite() {
-                let (frame, measurement) = position(self.count, columns, options);
-                let place = Place::line(path, number);
-                return Err(HwError::NonFinite { place, frame, measurement, value });
+            if !value.is_finite() && self.non_finite.is_none() {
+                let at = [self.count, columns];
+                self.non_finite = Some(NonFinite { line: number, at, value });
             }
             self.values.push(value);
             columns += 1;
@@ -164,41 +154,4 @@ fn fields(line: &str, separator: Separator) -> impl Iterator<Item = &str> {
 /// The first field of a trimmed line.
 pub(super) fn first_field(line: &str) -> &str {
     fields(line, separator_of(line)).next().unwrap_or_default()
-}
-
-/// Frame and measurement of the value in this row and column, all from 0.
-fn position(row: usize, column: usize, options: &CsvOptions) -> (usize, usize) {
-    let (frame, measurement) = match options.orientation {
-        FrameOrientation::Rows => (row, column),
-        FrameOrientation::Columns => (column, row),
-    };
-    (if options.complex { frame / 2 } else { frame }, measurement)
-}
-
-/// Real and imaginary parts out of rows that alternate.
-fn alternating(
-    table: &Array2<f64>,
-    path: &Path,
-    orientation: FrameOrientation,
-) -> Result<(Array2<f64>, Array2<f64>), HwError> {
-    let rows = table.nrows();
-    if !rows.is_multiple_of(2) {
-        return Err(HwError::Count {
-            place: Place::file(path),
-            what: match orientation {
-                FrameOrientation::Rows => "rows",
-                FrameOrientation::Columns => "columns",
-            },
-            found: rows,
-            wanted: rows + 1,
-            mend: "they alternate real and imaginary: add the last or set `[recording] complex = \
-                   false`",
-        });
-    }
-    let part = |first: usize| {
-        Array2::from_shape_fn((rows / 2, table.ncols()), |(frame, value)| {
-            table[[2 * frame + first, value]]
-        })
-    };
-    Ok((part(0), part(1)))
 }

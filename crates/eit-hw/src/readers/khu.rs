@@ -20,7 +20,7 @@ use super::{Format, file_bytes, file_names, missing_numbers, table, text};
 use crate::error::{HwError, Place};
 use crate::frame::Quality;
 use crate::recording::{Layout, Recording, Unit};
-pub use table_log::ProjectionTable;
+use table_log::ProjectionTable;
 
 /// Name of the file with the projections.
 pub(super) const TABLE_NAME: &str = "ProjectionTableSendLog.txt";
@@ -36,8 +36,12 @@ const FULL_SCALE: f64 = 32_768.0;
 /// The layout is [`Layout::Quadruples`], complex, in [`Unit::Volt`].
 ///
 /// # Errors
-/// [`HwError`], see [`ProjectionTable::parse`] and [`parse_scan`]; where a file cannot be read or
-/// the table or every scan is missing.
+/// [`HwError`] where a file cannot be read, is empty or binary, or the table or every scan is
+/// missing; for a table row with less than its columns or a field that is no whole number, a gain
+/// code outside 1 to 255, a projection without all channels in order or without exactly one source
+/// and one sink; for a scan row that is not four numbers, a channel out of order, and another
+/// number of rows than the table has (a file of mixed frequencies has three times as many and is
+/// not read).
 pub fn read(path: &Path) -> Result<Recording, HwError> {
     if path.is_file() {
         return Err(HwError::NotAFolder { place: Place::file(path), format: Format::Khu.name() });
@@ -83,15 +87,13 @@ pub(super) fn scan_number(name: &str) -> Option<u64> {
 }
 
 /// One scan in volt, in the order of [`ProjectionTable::quadruples`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct Scan {
-    /// Real parts.
-    pub real: Vec<f64>,
-    /// Imaginary parts.
-    pub imaginary: Vec<f64>,
+#[derive(Debug)]
+struct Scan {
+    real: Vec<f64>,
+    imaginary: Vec<f64>,
     /// [`Quality::SATURATED`] where the overflow flag is set, [`Quality::NON_FINITE`] where a count
     /// is NaN or infinite.
-    pub quality: Vec<Quality>,
+    quality: Vec<Quality>,
 }
 
 impl Scan {
@@ -111,12 +113,7 @@ impl Scan {
 }
 
 /// The scan of a file with this content; `path` is for messages.
-///
-/// # Errors
-/// [`HwError`] for an empty or binary file, a row that is not four numbers, a channel out of order,
-/// and another number of rows than the table has (a file of mixed frequencies has three times as
-/// many and is not read).
-pub fn parse_scan(bytes: &[u8], path: &Path, table: &ProjectionTable) -> Result<Scan, HwError> {
+fn parse_scan(bytes: &[u8], path: &Path, table: &ProjectionTable) -> Result<Scan, HwError> {
     let content = text::decode(bytes, path)?;
     let wanted = table.quadruples.len();
     let mut scan = Scan { real: Vec::new(), imaginary: Vec::new(), quality: Vec::new() };
@@ -153,4 +150,94 @@ pub fn parse_scan(bytes: &[u8], path: &Path, table: &ProjectionTable) -> Result<
         wanted,
         mend: "the projection table says so: copy the file anew or move it away",
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const TABLE: &[u8] = b"0 0 0 2 3 1 128 1 128 1\n0 1 0 3 3 1 128 1 128 232\n";
+    const SCAN: &[u8] = b"0 1 25000.000 -3\n1 0 4 5\n";
+
+    fn table() -> ProjectionTable {
+        ProjectionTable::parse(TABLE, Path::new("t")).unwrap()
+    }
+
+    /// Table and scan from the same bytes: what is read fits itself, what is refused is refused in
+    /// one line.
+    fn parse_both(bytes: &[u8]) {
+        let path = Path::new("f");
+        let mut tables = vec![table()];
+        match ProjectionTable::parse(bytes, path) {
+            Ok(table) => {
+                assert!(table.channels > 0 && !table.gains.is_empty());
+                assert_eq!(table.quadruples.len(), table.gains.len());
+                tables.push(table);
+            }
+            Err(error) => assert!(!error.to_string().contains('\n')),
+        }
+        for table in tables {
+            match parse_scan(bytes, path, &table) {
+                Ok(scan) => assert_eq!(scan.real.len(), table.quadruples.len()),
+                Err(error) => assert!(!error.to_string().contains('\n')),
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_bytes_do_no_harm(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
+            parse_both(&bytes);
+        }
+
+        #[test]
+        fn arbitrary_text_does_no_harm(text in "[0-9.+eEnainf \t\r\n-]{0,300}") {
+            parse_both(text.as_bytes());
+        }
+
+        #[test]
+        fn damaged_files_do_no_harm(
+            scan in any::<bool>(),
+            edits in prop::collection::vec((any::<usize>(), any::<u8>(), 0..3_u8), 1..6),
+        ) {
+            let mut bytes = if scan { SCAN } else { TABLE }.to_vec();
+            for (at, byte, kind) in edits {
+                let at = at % bytes.len().max(1);
+                match kind {
+                    0 if at < bytes.len() => bytes[at] = byte,
+                    1 => bytes.truncate(at),
+                    _ => bytes.insert(at, byte),
+                }
+            }
+            parse_both(&bytes);
+        }
+
+        #[test]
+        fn a_scan_is_read_back(
+            counts in prop::collection::vec((any::<i16>(), any::<i16>(), any::<bool>()), 2),
+        ) {
+            let text: String = counts
+                .iter()
+                .enumerate()
+                .map(|(channel, (re, im, over))| {
+                    format!("{channel}\t{}\t{re}.000000\t{im}.0\t\r\n", u8::from(*over))
+                })
+                .collect();
+            let scan = parse_scan(text.as_bytes(), Path::new("1Scan.txt"), &table()).unwrap();
+            for (channel, (re, im, over)) in counts.into_iter().enumerate() {
+                let gain = [1.0, 232.0][channel] * 0.2;
+                prop_assert_eq!(scan.real[channel], f64::from(re) / (32768.0 * gain));
+                prop_assert_eq!(scan.imaginary[channel], f64::from(im) / (32768.0 * gain));
+                prop_assert_eq!(scan.quality[channel].is_good(), !over);
+            }
+        }
+    }
+
+    #[test]
+    fn samples_are_read() {
+        assert_eq!(table().quadruples, [[0, 1, 1, 0], [0, 1, 0, 1]]);
+        assert!(parse_scan(SCAN, Path::new("1Scan.txt"), &table()).is_ok());
+    }
 }

@@ -5,9 +5,9 @@
 
 use std::path::Path;
 
-use ndarray::Array2;
+use ndarray::{Array2, ShapeBuilder};
 
-use super::{Format, file_bytes, table};
+use super::{Format, FrameOrientation, file_bytes, table};
 use crate::error::{HwError, Place, shortened};
 use crate::recording::{Layout, Note, Recording, Unit};
 
@@ -19,9 +19,19 @@ const MEND: &str = "save it anew with numpy.save of a plain numeric array";
 /// How an array is laid out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NpyOptions {
-    /// The array is one frame as a matrix [measurement, pattern], taken with the measurements of
-    /// one pattern after the other. Without this it is [frame, measurement].
+    /// What one frame is in an array of two axes.
+    pub orientation: FrameOrientation,
+    /// Rows (or columns, also those of a matrix) of real numbers alternate: real parts of frame 0,
+    /// imaginary parts of frame 0, real parts of frame 1 and so on.
+    pub complex: bool,
+    /// The same as the orientation [`FrameOrientation::Matrix`], over which it goes.
     pub matrix: bool,
+}
+
+impl NpyOptions {
+    fn orientation(self) -> FrameOrientation {
+        if self.matrix { FrameOrientation::Matrix } else { self.orientation }
+    }
 }
 
 /// Reads an NPY file.
@@ -35,20 +45,32 @@ pub fn read(path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
 /// Frames of an NPY file with this content; `path` is for messages.
 ///
 /// Integers of 1 to 8 bytes, floats of 4 and 8 and complex numbers of 8 and 16, in either byte and
-/// axis order. `[measurement]` and a matrix of one column are one frame, `[frame, measurement]`
-/// several; see [`NpyOptions::matrix`] for `[measurement, pattern]`. The layout is
+/// axis order. `[measurement]` is one frame, and so is, by [`FrameOrientation::Rows`], a matrix of
+/// one column (with a note); for other matrices see [`NpyOptions::orientation`]. The layout is
 /// [`Layout::AsScene`], the unit [`Unit::Arbitrary`].
 ///
 /// # Errors
 /// [`HwError`] for an empty file, a damaged header, another type or shape, more or fewer bytes than
-/// the header states, and a NaN or infinite value.
+/// the header states, a NaN or infinite value, an odd number of rows or columns where they
+/// alternate, and complex numbers where real ones should alternate.
 pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
     let Header { first_byte, kind, fortran, shape } = Header::parse(bytes, path)?;
+    let orientation = options.orientation();
+    let by_rows = orientation == FrameOrientation::Rows;
     let (rows, columns) = match shape[..] {
-        [values] | [values, 1] => (1, values),
+        [values] | [values, 1] if by_rows => (1, values),
+        [values] => (values, 1),
         [rows, columns] => (rows, columns),
         _ => return Err(HwError::Shape { place: Place::file(path), shape }),
     };
+    if kind.complex && options.complex {
+        return Err(HwError::UnusedKey {
+            place: Place::file(path),
+            key: "complex",
+            format: "complex npy",
+            meant: "tables of real numbers",
+        });
+    }
     let data = &bytes[first_byte..];
     let wanted = rows.checked_mul(columns).and_then(|count| count.checked_mul(kind.bytes()));
     if wanted != Some(data.len()) {
@@ -60,56 +82,56 @@ pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recordin
             mend: "the file is cut or holds more than one array: copy or save it anew",
         });
     }
-    let one_frame = options.matrix && rows > 1;
-    let matrix = Matrix { data, first_byte, kind, rows, columns, fortran, one_frame };
-    let real = matrix.part(0, path)?;
-    let imaginary = if kind.complex { Some(matrix.part(1, path)?) } else { None };
+    let stored = Stored { data, first_byte, kind, rows, columns, fortran };
+    let (real, alternating) =
+        table::oriented(stored.part(0, options, path)?, orientation, options.complex, path)?;
+    let imaginary = if kind.complex {
+        Some(table::oriented(stored.part(1, options, path)?, orientation, false, path)?.0)
+    } else {
+        alternating
+    };
     let mut recording =
         Recording::new(real, imaginary, Layout::AsScene, Unit::Arbitrary, Format::Npy, path);
-    if matches!(shape[..], [_, 1]) {
+    recording.frames_are = Some(orientation);
+    if by_rows && matches!(shape[..], [_, 1]) {
         recording.notes.push(Note::OneColumn { rows: columns });
     }
     Ok(recording)
 }
 
 /// The stored numbers, exactly `rows * columns` of them.
-struct Matrix<'a> {
+struct Stored<'a> {
     data: &'a [u8],
     first_byte: usize,
     kind: Kind,
     rows: usize,
     columns: usize,
     fortran: bool,
-    one_frame: bool,
 }
 
-impl Matrix<'_> {
-    /// Real (0) or imaginary (1) parts, [frame, value].
-    fn part(&self, part: usize, path: &Path) -> Result<Array2<f64>, HwError> {
-        let count = self.rows * self.columns;
-        let values = if self.one_frame { count } else { self.columns };
-        let mut list = Vec::with_capacity(count);
-        for index in 0..count {
-            let at = self.stored(index) * self.kind.bytes() + part * self.kind.size;
-            let value = self.kind.value(&self.data[at..at + self.kind.size]);
+impl Stored<'_> {
+    /// Real (0) or imaginary (1) parts, [row, column].
+    fn part(&self, part: usize, options: &NpyOptions, path: &Path) -> Result<Array2<f64>, HwError> {
+        let Self { data, first_byte, kind, rows, columns, fortran } = *self;
+        let mut list = Vec::with_capacity(rows * columns);
+        for index in 0..rows * columns {
+            let at = index * kind.bytes() + part * kind.size;
+            let value = kind.value(&data[at..at + kind.size]);
             if !value.is_finite() {
-                let place = Place::byte(path, self.first_byte + at);
-                let (frame, measurement) = (index / values, index % values);
+                let place = Place::byte(path, first_byte + at);
+                let cell = if fortran {
+                    [index % rows, index / rows]
+                } else {
+                    [index / columns, index % columns]
+                };
+                let (frame, measurement) =
+                    table::position(cell, rows, options.orientation(), options.complex);
                 return Err(HwError::NonFinite { place, frame, measurement, value });
             }
             list.push(value);
         }
-        table::frames(list, values, path, 0)
-    }
-
-    /// Where the value `index` of the frames stands in the file.
-    fn stored(&self, index: usize) -> usize {
-        match (self.one_frame, self.fortran) {
-            // [measurement, pattern] with measurements fastest is the order of a Fortran array
-            (false, false) | (true, true) => index,
-            (false, true) => index % self.columns * self.rows + index / self.columns,
-            (true, false) => index % self.rows * self.columns + index / self.rows,
-        }
+        let none = |_| HwError::NoFrames { place: Place::file(path), skipped: 0 };
+        Array2::from_shape_vec((rows, columns).set_f(fortran), list).map_err(none)
     }
 }
 

@@ -1,9 +1,10 @@
-//! Frames that grow row by row.
+//! Tables of numbers, and frames out of them.
 
 use std::path::Path;
 
-use ndarray::Array2;
+use ndarray::{Array2, ArrayView2, Axis, Slice};
 
+use super::FrameOrientation;
 use crate::error::{HwError, Place};
 
 /// `values` as [frame, value].
@@ -22,4 +23,59 @@ pub(super) fn frames(
     }
     // the readers push whole rows only; a shape error would say that nothing whole is there
     Array2::from_shape_vec((values.len() / columns, columns), values).map_err(|_| none())
+}
+
+/// Real and, if they alternate, imaginary parts of the frames of a table [row, column].
+///
+/// # Errors
+/// [`HwError::Count`] for an odd number of rows or columns that alternate, and
+/// [`HwError::NoFrames`] for an empty table.
+pub(super) fn oriented(
+    table: Array2<f64>,
+    orientation: FrameOrientation,
+    complex: bool,
+    path: &Path,
+) -> Result<(Array2<f64>, Option<Array2<f64>>), HwError> {
+    let (vectors, what) = match orientation {
+        FrameOrientation::Rows => (table, "rows"),
+        FrameOrientation::Columns | FrameOrientation::Matrix => (table.reversed_axes(), "columns"),
+    };
+    let (count, length) = vectors.dim();
+    let joined = |part: ArrayView2<f64>| {
+        let values = if orientation == FrameOrientation::Matrix { part.len() } else { length };
+        frames(part.iter().copied().collect(), values, path, 0)
+    };
+    if !complex {
+        return Ok((joined(vectors.view())?, None));
+    }
+    if !count.is_multiple_of(2) {
+        return Err(HwError::Count {
+            place: Place::file(path),
+            what,
+            found: count,
+            wanted: count + 1,
+            mend: "they alternate real and imaginary: add the last or set `[recording] complex = \
+                   false`",
+        });
+    }
+    let every_other = |first| vectors.slice_axis(Axis(0), Slice::new(first, None, 2));
+    Ok((joined(every_other(0))?, Some(joined(every_other(1))?)))
+}
+
+/// Frame and measurement of the value at `[row, column]` of a table of `rows`, all from 0.
+pub(super) fn position(
+    [row, column]: [usize; 2],
+    rows: usize,
+    orientation: FrameOrientation,
+    complex: bool,
+) -> (usize, usize) {
+    let (vector, value) = match orientation {
+        FrameOrientation::Rows => (row, column),
+        FrameOrientation::Columns | FrameOrientation::Matrix => (column, row),
+    };
+    let vector = if complex { vector / 2 } else { vector };
+    match orientation {
+        FrameOrientation::Rows | FrameOrientation::Columns => (vector, value),
+        FrameOrientation::Matrix => (0, vector * rows + value),
+    }
 }

@@ -2,13 +2,17 @@
 
 use std::fmt;
 
+use crate::readers::FrameOrientation;
+
 /// What the numbers of values and frames in a file suggest where they do not fit the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum CountHint {
-    /// As many frames as measurements: rows and columns are swapped.
+    /// As many frames as measurements in a table read by rows: its frames are columns.
     Transposed,
-    /// All values of the file together are one frame.
+    /// As many frames as measurements in a table read by columns: its frames are rows.
+    TransposedColumns,
+    /// All values of the table together are one frame.
     OneFrame,
     /// Twice as many: real and imaginary parts side by side.
     Complex,
@@ -40,7 +44,13 @@ pub enum CountHint {
 
 impl CountHint {
     /// The first that fits `found` values in each of `frames` frames for `wanted` measurements.
-    pub(crate) fn of(found: usize, frames: usize, wanted: usize) -> Self {
+    /// `frames_are` is how a table was read; in other formats nothing can be swapped.
+    pub(crate) fn of(
+        found: usize,
+        frames: usize,
+        wanted: usize,
+        frames_are: Option<FrameOrientation>,
+    ) -> Self {
         // n of n (n - dropped) = count lies between the root and dropped more; 4 is the fewest with
         // a four-point measurement
         let electrodes = |count: usize, dropped: usize| {
@@ -49,9 +59,13 @@ impl CountHint {
                 .find(|n| n.checked_mul(n.saturating_sub(dropped)) == Some(count))
         };
         let square = |count: usize| electrodes(count, 0);
-        if frames == wanted && found != frames {
+        let swapped = frames == wanted && found != frames;
+        let one_frame = frames > 1 && found.checked_mul(frames) == Some(wanted);
+        if swapped && frames_are == Some(FrameOrientation::Rows) {
             Self::Transposed
-        } else if frames > 1 && found.checked_mul(frames) == Some(wanted) {
+        } else if swapped && frames_are == Some(FrameOrientation::Columns) {
+            Self::TransposedColumns
+        } else if one_frame && frames_are.is_some() {
             Self::OneFrame
         } else if wanted.checked_mul(2) == Some(found) {
             Self::Complex
@@ -81,9 +95,12 @@ impl fmt::Display for CountHint {
             Self::Transposed => f.write_str(
                 "rows and columns look swapped: set `[recording] frames_are = \"columns\"`",
             ),
+            Self::TransposedColumns => f.write_str(
+                "rows and columns look swapped: set `[recording] frames_are = \"rows\"`",
+            ),
             Self::OneFrame => f.write_str(
                 "all values together are one frame: write them in one row, or set `[recording] \
-                 frames_are = \"matrix\"` for an NPY matrix [measurement, pattern]",
+                 frames_are = \"matrix\"` for a matrix [measurement, pattern]",
             ),
             Self::Complex => f.write_str(
                 "real and imaginary parts look to be side by side: keep one, or save complex NPY",

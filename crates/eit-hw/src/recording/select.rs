@@ -1,13 +1,12 @@
 //! The measurements of a protocol out of a recording.
 
-use std::collections::HashMap;
+use std::ops::Range;
 
-use ndarray::Array2;
+use ndarray::{Array2, CowArray, Ix2};
 
-use super::{CountHint, Layout, Recording, Unit};
+use super::{CountHint, FrameMap, Projection, Recording, Unit};
 use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
-use crate::health::unsigned;
 
 /// Which real number is taken of each complex value z = x + i y.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,6 +36,12 @@ pub struct MeasuredFrames {
     pub unit: Unit,
     /// The instrument's time of each frame in seconds since the first one.
     pub device_time_s: Option<Vec<f64>>,
+    /// Frequency of the current, where the file states it.
+    pub frequency_hz: Option<f64>,
+    /// Amplitude of the current that the values belong to, where the file states it.
+    pub current_a: Option<f64>,
+    /// theta of [`Component::Phased`] in radian, for complex values.
+    pub phase_rad: Option<f64>,
 }
 
 impl MeasuredFrames {
@@ -57,29 +62,59 @@ impl MeasuredFrames {
         )
     }
 
+    /// Mean of the good values of each measurement over these frames (from 0, those beyond the
+    /// last one do not count), and whether there is one; NaN where there is none.
+    pub fn mean_of(&self, frames: Range<usize>) -> (Vec<f64>, Vec<bool>) {
+        let mut sums = vec![0.0; self.values.ncols()];
+        let mut counts = vec![0_usize; self.values.ncols()];
+        let rows = self.values.rows().into_iter().zip(self.quality.rows());
+        for (values, quality) in rows.take(frames.end).skip(frames.start) {
+            let cells = values.into_iter().zip(quality);
+            for ((value, quality), (sum, count)) in cells.zip(sums.iter_mut().zip(&mut counts)) {
+                if quality.is_good() {
+                    *sum += value;
+                    *count += 1;
+                }
+            }
+        }
+        // 0 / 0 is NaN
+        let means = sums.iter().zip(&counts).map(|(sum, &count)| sum / count as f64).collect();
+        (means, counts.iter().map(|&count| count > 0).collect())
+    }
+
     /// Mean of the good values of each measurement over all frames, NaN where there is none.
     pub fn mean_frame(&self) -> Vec<f64> {
-        let mean = |(values, quality): (ndarray::ArrayView1<f64>, ndarray::ArrayView1<Quality>)| {
-            let good = || values.iter().zip(quality).filter(|(_, quality)| quality.is_good());
-            good().map(|(value, _)| value).sum::<f64>() / good().count() as f64
-        };
-        self.values.columns().into_iter().zip(self.quality.columns()).map(mean).collect()
+        self.mean_of(0..self.values.nrows()).0
     }
-}
 
-/// One measurement as a signed difference of recorded values.
-#[derive(Clone, Copy)]
-struct Pick {
-    plus: usize,
-    minus: Option<usize>,
-    sign: f64,
+    /// Makes the values volts under a current of `current_a` ampere, that of the scene's protocol.
+    ///
+    /// Ohms are multiplied by it. Volts of a file that states its current (above 0) are multiplied
+    /// by `current_a` over the file's: a linear body gives so much for that current. Volts of a
+    /// file that states none are taken to be for the scene's. Values of [`Unit::Arbitrary`] stay.
+    /// Except for these, `self.current_a` is `current_a` afterwards, so a second call with the same
+    /// current changes nothing.
+    ///
+    /// Both currents are amplitudes; `current_a` must be finite and above 0.
+    pub fn to_volts(&mut self, current_a: f64) {
+        let factor = match (self.unit, self.current_a) {
+            (Unit::Arbitrary, _) => return,
+            (Unit::Ohm, _) => current_a,
+            (Unit::Volt, Some(file_a)) if file_a > 0.0 => current_a / file_a,
+            (Unit::Volt, _) => 1.0,
+        };
+        self.values *= factor;
+        self.unit = Unit::Volt;
+        self.current_a = Some(current_a);
+    }
 }
 
 impl Recording {
     /// The `count` measurements of a protocol, in its order.
     ///
     /// `quadruples` are those of the protocol, `None` if it has general current patterns; only a
-    /// recording with [`Layout::AsScene`] fits then.
+    /// recording with [`Layout::AsScene`](super::Layout::AsScene) fits then. See [`FrameMap`] for
+    /// frames that come one by one.
     ///
     /// # Errors
     /// [`HwError::CountMismatch`] with both counts where the file has another number of values;
@@ -93,151 +128,86 @@ impl Recording {
         component: Component,
     ) -> Result<MeasuredFrames, HwError> {
         self.check()?;
-        let picks = self.picks(quadruples, count)?;
-        let quality = Array2::from_shape_fn((self.frame_count(), count), |(frame, index)| {
-            let pick = picks[index];
-            let minus = pick.minus.map_or(Quality::GOOD, |minus| self.quality[[frame, minus]]);
-            self.quality[[frame, pick.plus]] | minus
-        });
-        let real = picked(&self.real, &picks);
-        let imaginary = self.imaginary.as_ref().map(|imaginary| picked(imaginary, &picks));
-        let values = match (component, imaginary) {
-            (Component::Real, _) | (Component::Phased, None) => real,
-            (Component::Imaginary, Some(imaginary)) => imaginary,
-            (Component::Imaginary, None) => {
-                return Err(HwError::NoImaginaryPart { place: self.place() });
-            }
-            (Component::Magnitude, Some(imaginary)) => {
-                ndarray::Zip::from(&real).and(&imaginary).map_collect(|x, y| x.hypot(*y))
-            }
-            (Component::Magnitude, None) => real.mapv(f64::abs),
-            (Component::Phased, Some(imaginary)) => phased(&real, &imaginary, &quality),
+        let map = FrameMap::new(&self.layout, self.value_count(), quadruples, count, &self.path)
+            .map_err(|error| self.with_frame_count(error))?;
+        let recorded = Recorded {
+            real: self.real.as_standard_layout(),
+            imaginary: self.imaginary.as_ref().map(|imaginary| imaginary.as_standard_layout()),
+            quality: self.quality.as_standard_layout(),
         };
+        let phase_rad = match component {
+            Component::Phased => recorded.phase_rad(&map)?,
+            _ => None,
+        };
+        let projection = match component {
+            Component::Real => Projection::Real,
+            Component::Imaginary => Projection::Imaginary,
+            Component::Magnitude => Projection::Magnitude,
+            // real values have no angle and are taken as they are
+            Component::Phased => Projection::Axis { angle_rad: phase_rad.unwrap_or_default() },
+        };
+        let mut values = Array2::zeros((self.frame_count(), count));
+        let mut quality = Array2::default((self.frame_count(), count));
+        let slots = values.rows_mut().into_iter().zip(quality.rows_mut());
+        for (frame, (mut values, mut flags)) in slots.enumerate() {
+            let (real, imaginary, quality) = recorded.frame(frame);
+            let values = values.as_slice_mut().unwrap_or_default();
+            let flags = flags.as_slice_mut().unwrap_or_default();
+            map.apply_into(real, imaginary, quality, projection, values, flags)?;
+        }
         Ok(MeasuredFrames {
             values,
             quality,
             unit: self.unit,
             device_time_s: self.device_time_s.clone(),
+            frequency_hz: self.frequency_hz,
+            current_a: self.current_a,
+            phase_rad,
         })
     }
 
-    /// Where each measurement stands in a recorded frame.
-    fn picks(&self, quadruples: Option<&[Quadruple]>, count: usize) -> Result<Vec<Pick>, HwError> {
-        if let Some(quadruples) = quadruples
-            && quadruples.len() != count
-        {
-            return Err(HwError::QuadrupleCount { quadruples: quadruples.len(), count });
-        }
-        let needed = || quadruples.ok_or_else(|| HwError::NeedsQuadruples { place: self.place() });
-        match &self.layout {
-            Layout::AsScene if self.value_count() == count => {
-                Ok((0..count).map(|plus| Pick { plus, minus: None, sign: 1.0 }).collect())
+    /// The error with the number of frames of this recording and what that suggests.
+    fn with_frame_count(&self, error: HwError) -> HwError {
+        match error {
+            HwError::CountMismatch { place, found, wanted, .. } => {
+                let frames = self.frame_count();
+                let hint = CountHint::of(found, frames, wanted, self.frames_are);
+                HwError::CountMismatch { place, found, frames, wanted, hint }
             }
-            Layout::AsScene => Err(HwError::CountMismatch {
-                place: self.place(),
-                found: self.value_count(),
-                frames: self.frame_count(),
-                wanted: count,
-                hint: CountHint::of(self.value_count(), self.frame_count(), count),
-            }),
-            Layout::Quadruples(recorded) => self.by_quadruple(recorded, needed()?),
-            Layout::Potentials { drives, electrodes } => {
-                self.by_potential(drives, *electrodes, needed()?)
-            }
+            other => other,
         }
-    }
-
-    fn by_quadruple(
-        &self,
-        recorded: &[Quadruple],
-        wanted: &[Quadruple],
-    ) -> Result<Vec<Pick>, HwError> {
-        let mut place_of = HashMap::with_capacity(recorded.len());
-        for (index, &quadruple) in recorded.iter().enumerate() {
-            let (key, sign) = unsigned(quadruple);
-            place_of.entry(key).or_insert((index, sign));
-        }
-        let missing = |quadruple: Quadruple| {
-            let drive = |[a, b, ..]: Quadruple| [a.min(b), a.max(b)];
-            match recorded.first() {
-                Some(&[first_a, first_b, ..])
-                    if !recorded.iter().any(|&other| drive(other) == drive(quadruple)) =>
-                {
-                    let [a, b, ..] = quadruple;
-                    HwError::MissingDrive { place: self.place(), a, b, first_a, first_b }
-                }
-                _ => HwError::MissingMeasurement { place: self.place(), quadruple },
-            }
-        };
-        wanted
-            .iter()
-            .map(|&quadruple| {
-                let (key, sign) = unsigned(quadruple);
-                let (plus, recorded_sign) =
-                    *place_of.get(&key).ok_or_else(|| missing(quadruple))?;
-                Ok(Pick { plus, minus: None, sign: sign * recorded_sign })
-            })
-            .collect()
-    }
-
-    fn by_potential(
-        &self,
-        drives: &[[u32; 2]],
-        electrodes: usize,
-        wanted: &[Quadruple],
-    ) -> Result<Vec<Pick>, HwError> {
-        let mut number_of = HashMap::with_capacity(drives.len());
-        for (number, &drive) in drives.iter().enumerate() {
-            number_of.entry(drive).or_insert(number);
-        }
-        let checked = |electrode: u32| {
-            let index = electrode as usize;
-            if index < electrodes {
-                Ok(index)
-            } else {
-                Err(HwError::MissingElectrode { place: self.place(), electrode, count: electrodes })
-            }
-        };
-        wanted
-            .iter()
-            .map(|&[a, b, m, n]| {
-                for driven in [a, b] {
-                    checked(driven)?;
-                }
-                let (m, n) = (checked(m)?, checked(n)?);
-                let (number, sign) = match (number_of.get(&[a, b]), number_of.get(&[b, a])) {
-                    (Some(&number), _) => (number, 1.0),
-                    (None, Some(&number)) => (number, -1.0),
-                    (None, None) => {
-                        let [first_a, first_b] = drives.first().copied().unwrap_or_default();
-                        let place = self.place();
-                        return Err(HwError::MissingDrive { place, a, b, first_a, first_b });
-                    }
-                };
-                let first = number * electrodes;
-                Ok(Pick { plus: first + m, minus: Some(first + n), sign })
-            })
-            .collect()
     }
 }
 
-/// `values` [frame, recorded value] as [frame, measurement].
-fn picked(values: &Array2<f64>, picks: &[Pick]) -> Array2<f64> {
-    Array2::from_shape_fn((values.nrows(), picks.len()), |(frame, index)| {
-        let Pick { plus, minus, sign } = picks[index];
-        sign * (values[[frame, plus]] - minus.map_or(0.0, |minus| values[[frame, minus]]))
-    })
+/// A recording's values with each frame in one piece.
+struct Recorded<'a> {
+    real: CowArray<'a, f64, Ix2>,
+    imaginary: Option<CowArray<'a, f64, Ix2>>,
+    quality: CowArray<'a, Quality, Ix2>,
 }
 
-/// [`Component::Phased`].
-fn phased(real: &Array2<f64>, imaginary: &Array2<f64>, quality: &Array2<Quality>) -> Array2<f64> {
-    let (mut square_real, mut square_imaginary) = (0.0, 0.0);
-    ndarray::Zip::from(real).and(imaginary).and(quality).for_each(|x, y, quality| {
-        if quality.is_good() {
-            square_real += x * x - y * y;
-            square_imaginary += 2.0 * x * y;
+impl Recorded<'_> {
+    /// Real parts, imaginary parts and flags of a frame below the frame count.
+    fn frame(&self, frame: usize) -> (&[f64], Option<&[f64]>, &[Quality]) {
+        // a row in standard layout is a slice
+        (
+            self.real.row(frame).to_slice().unwrap_or_default(),
+            self.imaginary
+                .as_ref()
+                .map(|imaginary| imaginary.row(frame).to_slice().unwrap_or_default()),
+            self.quality.row(frame).to_slice().unwrap_or_default(),
+        )
+    }
+
+    /// theta of [`Component::Phased`]; `None` for real values.
+    fn phase_rad(&self, map: &FrameMap) -> Result<Option<f64>, HwError> {
+        let mut sum = [0.0; 2];
+        for frame in 0..self.real.nrows() {
+            let (real, imaginary, quality) = self.frame(frame);
+            let Some(imaginary) = imaginary else { return Ok(None) };
+            let [x, y] = map.square_sum(real, imaginary, quality)?;
+            sum = [sum[0] + x, sum[1] + y];
         }
-    });
-    let (sine, cosine) = (0.5 * f64::atan2(square_imaginary, square_real)).sin_cos();
-    ndarray::Zip::from(real).and(imaginary).map_collect(|x, y| x * cosine + y * sine)
+        Ok(Some(0.5 * f64::atan2(sum[1], sum[0])))
+    }
 }

@@ -13,14 +13,14 @@ const SOURCE: u64 = 2;
 const SINK: u64 = 3;
 
 /// Which electrodes and which gain each record of a scan has.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ProjectionTable {
-    /// Channels of the instrument.
-    pub channels: usize,
+#[derive(Debug)]
+pub(super) struct ProjectionTable {
+    /// Channels of the instrument, at least 1.
+    pub(super) channels: usize,
     /// Quadruple of each record, [projection, channel] flattened.
-    pub quadruples: Vec<Quadruple>,
+    pub(super) quadruples: Vec<Quadruple>,
     /// Voltage gain of each record.
-    pub gains: Vec<f64>,
+    pub(super) gains: Vec<f64>,
 }
 
 /// One row of the table.
@@ -34,12 +34,7 @@ struct Row {
 
 impl ProjectionTable {
     /// The table of a file with this content; `path` is for messages.
-    ///
-    /// # Errors
-    /// [`HwError`] for an empty or binary file, a row with less than its columns or a field that is
-    /// no whole number, a gain code outside 1 to 255, a projection without all channels in order or
-    /// without exactly one source and one sink.
-    pub fn parse(bytes: &[u8], path: &Path) -> Result<Self, HwError> {
+    pub(super) fn parse(bytes: &[u8], path: &Path) -> Result<Self, HwError> {
         let content = text::decode(bytes, path)?;
         let mut rows = Vec::new();
         for (line, content) in text::lines(content) {
@@ -135,4 +130,56 @@ fn wrong(
 ) -> HwError {
     let mend = "copy the table anew from the instrument's folder";
     HwError::Field { place: Place::line(path, line), field, text: shortened(text), wanted, mend }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A table of 4 channels and 2 projections; roles are the column `ChInfo`.
+    fn text_of(roles: [[u32; 4]; 2]) -> String {
+        let mut text = "ProjIndex\tCh\tChIndex\tChInfo\tInj.Freq\tAmp1High\r\n".to_owned();
+        for (projection, roles) in roles.iter().enumerate() {
+            for (channel, role) in roles.iter().enumerate() {
+                let gain = if *role == 0 { 10 } else { 1 };
+                text += &format!(
+                    "{projection}\t{channel}\t0\t{role}\t3\t1\t128\t1\t128\t{gain}\t1\r\n"
+                );
+            }
+        }
+        text
+    }
+
+    const ROLES: [[u32; 4]; 2] = [[2, 3, 0, 0], [0, 2, 0, 3]];
+
+    /// The message of a refusal holds all of `parts`.
+    #[track_caller]
+    fn refused(result: Result<ProjectionTable, HwError>, parts: &[&str]) {
+        let message = result.expect_err("refused").to_string();
+        for part in parts {
+            assert!(message.contains(part), "`{part}` is not in: {message}");
+        }
+    }
+
+    #[test]
+    fn tables_and_their_faults() {
+        let table = |text: &str| ProjectionTable::parse(text.as_bytes(), &Path::new("t.txt"));
+        let good = table(&text_of(ROLES)).unwrap();
+        assert_eq!(good.channels, 4);
+        assert_eq!(good.quadruples[..2], [[0, 1, 3, 0], [0, 1, 0, 1]]);
+        assert_eq!(good.quadruples[7], [1, 3, 2, 3]);
+        // code 1 is 0.2, code 10 is 2
+        assert_eq!(good.gains, [0.2, 0.2, 2.0, 2.0, 2.0, 0.2, 2.0, 0.2]);
+        refused(table(""), &["t.txt", "empty"]);
+        refused(table("ProjIndex\n"), &["no complete frame"]);
+        refused(table(&text_of([[0, 3, 0, 0]; 2])), &["line 2", "0 sources", "1 wanted"]);
+        refused(table(&text_of([[2, 2, 3, 0]; 2])), &["2 sources", "1 wanted"]);
+        refused(table(&text_of([ROLES[0], [2, 0, 0, 0]])), &["line 6", "0 sinks"]);
+        refused(table(&text_of([[2, 3, 3, 3]; 2])), &["3 sinks", "1 wanted"]);
+        let cut = text_of(ROLES);
+        refused(table(&cut[..cut.len() - 30]), &["channels in order", "4 wanted"]);
+        refused(table("0\t0\t0\t2\n"), &["line 1", "Gain1", "\"\""]);
+        refused(table("0 0 0 2 3 1 128 1 128 256\n"), &["line 1", "Gain1", "1 to 255"]);
+        refused(table("0 x 0 2 3 1 128 1 128 25\n"), &["line 1", "Ch is \"x\""]);
+    }
 }

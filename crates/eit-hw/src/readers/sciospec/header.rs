@@ -105,6 +105,10 @@ fn milliseconds(text: &str) -> Option<i64> {
     let (time, fraction) = time.trim().split_once('.').unwrap_or((time.trim(), "0"));
     let mut time = time.split(':').map(|part| part.parse::<i64>().ok());
     let (hour, minute, second) = (time.next()??, time.next()??, time.next()??);
+    // digits only: `5e300` is a number too
+    if !fraction.bytes().all(|digit| digit.is_ascii_digit()) {
+        return None;
+    }
     let millisecond = (1000.0 * format!("0.{fraction}").parse::<f64>().ok()?).round() as i64;
     let valid = (0..10_000).contains(&year)
         && (1..=12).contains(&month)
@@ -145,9 +149,34 @@ mod tests {
         assert_eq!(milliseconds("2020.07.08. 14:20:28.750"), Some(whole + 750));
         assert_eq!(milliseconds("2020.07.08. 14:20:28.75"), Some(whole + 750));
         assert_eq!(whole, (20_131 - 1680) * 86_400_000 + 51_628_000);
-        for wrong in ["", "2020.07.08.", "2020.13.08. 14:20:28", "yesterday 1:2:3", "1.1.1. 99:0:0"]
-        {
+        for wrong in [
+            "",
+            "2020.07.08.",
+            "2020.13.08. 14:20:28",
+            "yesterday 1:2:3",
+            "1.1.1. 99:0:0",
+            "2020.07.08. 14:20:28.5e300",
+            "2020.07.08. 14:20:28.5e-3",
+        ] {
             assert_eq!(milliseconds(wrong), None, "{wrong}");
+        }
+    }
+
+    proptest::proptest! {
+        // with overflow checks no part of a date overflows
+        #[test]
+        fn any_date_is_a_time_or_none(
+            date in "[0-9]{1,20}[.][0-9]{1,3}[.][0-9]{1,3}[.]?",
+            time in "[0-9+-]{1,20}:[0-9]{1,3}:[0-9]{1,3}[.]?[0-9.eEinf+-]{0,9}",
+        ) {
+            // years 0 to 9999
+            let range = -62_200_000_000_000..253_500_000_000_000;
+            for date in [&date, "2020.07.08."] {
+                for time in [&time, &format!("14:20:28.{time}"), &time.replace(':', "e")] {
+                    let time_ms = milliseconds(&format!("{date} {time}"));
+                    assert!(time_ms.is_none_or(|time| range.contains(&time)), "{time_ms:?}");
+                }
+            }
         }
     }
 

@@ -1,0 +1,290 @@
+//! Where the measurements of a protocol stand among recorded values.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use super::{CountHint, Layout};
+use crate::error::{HwError, Place};
+use crate::frame::{Quadruple, Quality};
+use crate::health::unsigned;
+
+/// Which real number a [`FrameMap`] takes of a complex value z = x + i y; that of a real one is x
+/// by every projection but `Imaginary` (which it does not have) and `Magnitude` (|x|).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Projection {
+    /// x.
+    #[default]
+    Real,
+    /// y.
+    Imaginary,
+    /// sqrt(x^2 + y^2); it has no sign.
+    Magnitude,
+    /// Re(z exp(-i theta)) = x cos(theta) + y sin(theta), such as with the angle of
+    /// [`MeasuredFrames::phase_rad`](crate::MeasuredFrames::phase_rad).
+    Axis {
+        /// theta in radian.
+        angle_rad: f64,
+    },
+}
+
+/// Takes the measurements of a protocol, in its order, out of the values of one frame as they were
+/// recorded or received. Built once, it serves every frame without allocation.
+///
+/// ```
+/// use eit_hw::{FrameMap, Layout, Projection, Quality};
+/// // potentials of three electrodes, current from 0 to 1
+/// let layout = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
+/// let wanted = [[0, 1, 0, 2], [1, 0, 0, 2]];
+/// let map = FrameMap::new(&layout, 3, Some(&wanted), 2, "tank".as_ref())?;
+/// let (mut values, mut quality) = ([0.0; 2], [Quality::GOOD; 2]);
+/// let good = [Quality::GOOD; 3];
+/// map.apply_into(&[5.0, 1.0, 3.0], None, &good, Projection::Real, &mut values, &mut quality)?;
+/// assert_eq!(values, [2.0, -2.0]);
+/// # Ok::<(), eit_hw::HwError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameMap {
+    picks: Vec<Pick>,
+    value_count: usize,
+    /// For messages.
+    source: PathBuf,
+}
+
+/// One measurement as a signed difference of recorded values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Pick {
+    plus: usize,
+    minus: Option<usize>,
+    sign: f64,
+}
+
+impl Pick {
+    fn of(self, values: &[f64]) -> f64 {
+        self.sign * (values[self.plus] - self.minus.map_or(0.0, |minus| values[minus]))
+    }
+
+    fn quality(self, quality: &[Quality]) -> Quality {
+        quality[self.plus] | self.minus.map_or(Quality::GOOD, |minus| quality[minus])
+    }
+}
+
+impl FrameMap {
+    /// The map from `value_count` values in this layout to the `count` measurements of a protocol.
+    ///
+    /// `quadruples` are those of the protocol, `None` if it has general current patterns; only
+    /// [`Layout::AsScene`] fits then. `source` names the recording or instrument in messages.
+    ///
+    /// # Errors
+    /// [`HwError::CountMismatch`] where [`Layout::AsScene`] has another number of values than the
+    /// protocol measurements; [`HwError::MissingDrive`], [`HwError::MissingMeasurement`] or
+    /// [`HwError::MissingElectrode`] where the layout lacks some; [`HwError::NeedsQuadruples`],
+    /// [`HwError::QuadrupleCount`]; [`HwError::Inconsistent`] where the layout does not have
+    /// `value_count` values.
+    pub fn new(
+        layout: &Layout,
+        value_count: usize,
+        quadruples: Option<&[Quadruple]>,
+        count: usize,
+        source: &Path,
+    ) -> Result<Self, HwError> {
+        let place = || Place::file(source);
+        if let Some(found) = layout.value_count().filter(|&found| found != value_count) {
+            let (place, field) = (place(), "layout");
+            return Err(HwError::Inconsistent { place, field, found, wanted: value_count });
+        }
+        if let Some(quadruples) = quadruples
+            && quadruples.len() != count
+        {
+            return Err(HwError::QuadrupleCount { quadruples: quadruples.len(), count });
+        }
+        let needed = || quadruples.ok_or_else(|| HwError::NeedsQuadruples { place: place() });
+        let picks = match layout {
+            Layout::AsScene if value_count == count => {
+                (0..count).map(|plus| Pick { plus, minus: None, sign: 1.0 }).collect()
+            }
+            Layout::AsScene => {
+                return Err(HwError::CountMismatch {
+                    place: place(),
+                    found: value_count,
+                    frames: 1,
+                    wanted: count,
+                    hint: CountHint::of(value_count, 1, count, None),
+                });
+            }
+            Layout::Quadruples(recorded) => by_quadruple(recorded, needed()?, source)?,
+            Layout::Potentials { drives, electrodes } => {
+                by_potential(drives, *electrodes, needed()?, source)?
+            }
+        };
+        Ok(Self { picks, value_count, source: source.to_path_buf() })
+    }
+
+    /// Number of measurements.
+    pub fn measurements(&self) -> usize {
+        self.picks.len()
+    }
+
+    /// Number of recorded values that it takes them from.
+    pub fn value_count(&self) -> usize {
+        self.value_count
+    }
+
+    /// Writes the measurements of one frame and their flags. A measurement has the flags of both
+    /// values that it is the difference of.
+    ///
+    /// `real`, `imaginary` (`None` for real values) and `quality` have
+    /// [`value_count`](Self::value_count) entries, `values` and `flags` have
+    /// [`measurements`](Self::measurements): those of a [`Frame`](crate::Frame), for example.
+    /// Nothing is written on an error.
+    ///
+    /// # Errors
+    /// [`HwError::Inconsistent`] for a slice of another length, and [`HwError::NoImaginaryPart`].
+    pub fn apply_into(
+        &self,
+        real: &[f64],
+        imaginary: Option<&[f64]>,
+        quality: &[Quality],
+        projection: Projection,
+        values: &mut [f64],
+        flags: &mut [Quality],
+    ) -> Result<(), HwError> {
+        self.check(real, imaginary, quality)?;
+        self.fits("values", values.len(), self.picks.len())?;
+        self.fits("flags", flags.len(), self.picks.len())?;
+        match (projection, imaginary) {
+            (Projection::Imaginary, None) => {
+                return Err(HwError::NoImaginaryPart { place: Place::file(&self.source) });
+            }
+            (Projection::Real | Projection::Axis { .. }, None) | (Projection::Real, Some(_)) => {
+                self.write(values, |pick| pick.of(real))
+            }
+            (Projection::Magnitude, None) => self.write(values, |pick| pick.of(real).abs()),
+            (Projection::Imaginary, Some(imaginary)) => {
+                self.write(values, |pick| pick.of(imaginary))
+            }
+            (Projection::Magnitude, Some(imaginary)) => {
+                self.write(values, |pick| pick.of(real).hypot(pick.of(imaginary)))
+            }
+            (Projection::Axis { angle_rad }, Some(imaginary)) => {
+                let (sine, cosine) = angle_rad.sin_cos();
+                self.write(values, |pick| pick.of(real) * cosine + pick.of(imaginary) * sine)
+            }
+        }
+        self.write(flags, |pick| pick.quality(quality));
+        Ok(())
+    }
+
+    /// Sum of z^2 over the good measurements of one frame, as real and imaginary part.
+    pub(super) fn square_sum(
+        &self,
+        real: &[f64],
+        imaginary: &[f64],
+        quality: &[Quality],
+    ) -> Result<[f64; 2], HwError> {
+        self.check(real, Some(imaginary), quality)?;
+        let mut sum = [0.0; 2];
+        for pick in self.picks.iter().filter(|pick| pick.quality(quality).is_good()) {
+            let (x, y) = (pick.of(real), pick.of(imaginary));
+            sum[0] += x * x - y * y;
+            sum[1] += 2.0 * x * y;
+        }
+        Ok(sum)
+    }
+
+    fn write<T>(&self, slots: &mut [T], value: impl Fn(Pick) -> T) {
+        for (slot, &pick) in slots.iter_mut().zip(&self.picks) {
+            *slot = value(pick);
+        }
+    }
+
+    fn check(
+        &self,
+        real: &[f64],
+        imaginary: Option<&[f64]>,
+        quality: &[Quality],
+    ) -> Result<(), HwError> {
+        self.fits("real", real.len(), self.value_count)?;
+        self.fits("imaginary", imaginary.map_or(self.value_count, <[_]>::len), self.value_count)?;
+        self.fits("quality", quality.len(), self.value_count)
+    }
+
+    fn fits(&self, field: &'static str, found: usize, wanted: usize) -> Result<(), HwError> {
+        if found == wanted {
+            return Ok(());
+        }
+        Err(HwError::Inconsistent { place: Place::file(&self.source), field, found, wanted })
+    }
+}
+
+fn by_quadruple(
+    recorded: &[Quadruple],
+    wanted: &[Quadruple],
+    source: &Path,
+) -> Result<Vec<Pick>, HwError> {
+    let mut place_of = HashMap::with_capacity(recorded.len());
+    for (index, &quadruple) in recorded.iter().enumerate() {
+        let (key, sign) = unsigned(quadruple);
+        place_of.entry(key).or_insert((index, sign));
+    }
+    let missing = |quadruple: Quadruple| {
+        let place = Place::file(source);
+        let drive = |[a, b, ..]: Quadruple| [a.min(b), a.max(b)];
+        match recorded.first() {
+            Some(&[first_a, first_b, ..])
+                if !recorded.iter().any(|&other| drive(other) == drive(quadruple)) =>
+            {
+                let [a, b, ..] = quadruple;
+                HwError::MissingDrive { place, a, b, first_a, first_b }
+            }
+            _ => HwError::MissingMeasurement { place, quadruple },
+        }
+    };
+    wanted
+        .iter()
+        .map(|&quadruple| {
+            let (key, sign) = unsigned(quadruple);
+            let (plus, recorded_sign) = *place_of.get(&key).ok_or_else(|| missing(quadruple))?;
+            Ok(Pick { plus, minus: None, sign: sign * recorded_sign })
+        })
+        .collect()
+}
+
+fn by_potential(
+    drives: &[[u32; 2]],
+    electrodes: usize,
+    wanted: &[Quadruple],
+    source: &Path,
+) -> Result<Vec<Pick>, HwError> {
+    let mut number_of = HashMap::with_capacity(drives.len());
+    for (number, &drive) in drives.iter().enumerate() {
+        number_of.entry(drive).or_insert(number);
+    }
+    let checked = |electrode: u32| {
+        let index = electrode as usize;
+        if index < electrodes {
+            return Ok(index);
+        }
+        let place = Place::file(source);
+        Err(HwError::MissingElectrode { place, electrode, count: electrodes })
+    };
+    wanted
+        .iter()
+        .map(|&[a, b, m, n]| {
+            for driven in [a, b] {
+                checked(driven)?;
+            }
+            let (m, n) = (checked(m)?, checked(n)?);
+            let (number, sign) = match (number_of.get(&[a, b]), number_of.get(&[b, a])) {
+                (Some(&number), _) => (number, 1.0),
+                (None, Some(&number)) => (number, -1.0),
+                (None, None) => {
+                    let [first_a, first_b] = drives.first().copied().unwrap_or_default();
+                    let place = Place::file(source);
+                    return Err(HwError::MissingDrive { place, a, b, first_a, first_b });
+                }
+            };
+            let first = number * electrodes;
+            Ok(Pick { plus: first + m, minus: Some(first + n), sign })
+        })
+        .collect()
+}
