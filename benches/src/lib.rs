@@ -9,3 +9,8 @@ pub mod stopwatch;
 
 /// Results of bench code; errors of any crate, since nothing here acts on them.
 pub type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+
+/// The project's README: its Rust code is compiled and run with the tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+pub struct ReadmeExamples;

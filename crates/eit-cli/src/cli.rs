@@ -122,7 +122,7 @@ pub(crate) struct JacobianArgs {
 pub(crate) struct ReconstructArgs {
     /// Scene file or built-in scene.
     pub scene: String,
-    /// Frames, one file or several; without it the scene's [recording] file.
+    /// Frames, one file or several; without it recording.file of the scene.
     #[arg(long, value_name = "F", num_args = 1..)]
     pub frames: Vec<PathBuf>,
     /// Reference: a frame number (from 0), "mean", "N..M" (mean of N to M-1), or a file.
