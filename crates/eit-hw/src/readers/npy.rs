@@ -46,7 +46,7 @@ pub fn read(path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
 ///
 /// Integers of 1 to 8 bytes, floats of 4 and 8 and complex numbers of 8 and 16, in either byte and
 /// axis order. `[measurement]` is one frame, and so is, by [`FrameOrientation::Rows`], a matrix of
-/// one column (with a note); for other matrices see [`NpyOptions::orientation`]. The layout is
+/// one column (with a note); for other matrices see [`FrameOrientation`]. The layout is
 /// [`Layout::AsScene`], the unit [`Unit::Arbitrary`].
 ///
 /// # Errors

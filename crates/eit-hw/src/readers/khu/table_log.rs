@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn tables_and_their_faults() {
-        let table = |text: &str| ProjectionTable::parse(text.as_bytes(), &Path::new("t.txt"));
+        let table = |text: &str| ProjectionTable::parse(text.as_bytes(), Path::new("t.txt"));
         let good = table(&text_of(ROLES)).unwrap();
         assert_eq!(good.channels, 4);
         assert_eq!(good.quadruples[..2], [[0, 1, 3, 0], [0, 1, 0, 1]]);

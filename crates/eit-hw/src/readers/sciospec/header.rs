@@ -167,13 +167,14 @@ mod tests {
         #[test]
         fn any_date_is_a_time_or_none(
             date in "[0-9]{1,20}[.][0-9]{1,3}[.][0-9]{1,3}[.]?",
-            time in "[0-9+-]{1,20}:[0-9]{1,3}:[0-9]{1,3}[.]?[0-9.eEinf+-]{0,9}",
+            time in "[0-9+-]{1,20}:[0-9]{1,3}:[0-9]{1,3}",
+            fraction in "[0-9]{0,4}([eE][+-]?)?[0-9]{0,3}",
         ) {
             // years 0 to 9999
             let range = -62_200_000_000_000..253_500_000_000_000;
             for date in [&date, "2020.07.08."] {
-                for time in [&time, &format!("14:20:28.{time}"), &time.replace(':', "e")] {
-                    let time_ms = milliseconds(&format!("{date} {time}"));
+                for time in [&time, "14:20:28"] {
+                    let time_ms = milliseconds(&format!("{date} {time}.{fraction}"));
                     assert!(time_ms.is_none_or(|time| range.contains(&time)), "{time_ms:?}");
                 }
             }
