@@ -106,3 +106,41 @@ fn reconstruct_repeats_the_demo_from_its_files() {
     assert!(first == run("b"), "two runs differ");
     assert!(first == std::fs::read(demo.join("images.npy")).unwrap(), "the demo differs");
 }
+
+/// A transposed table with the key that the refusal names gives the same images.
+#[test]
+fn frames_in_columns_need_their_key_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let demo = folder.path().join("demo");
+    succeed(&["demo", "--out", text(&demo)]);
+    let frames: Array2<f64> = ndarray_npy::read_npy(demo.join("frames.npy")).unwrap();
+    let turned = folder.path().join("turned.npy");
+    ndarray_npy::write_npy(&turned, &frames.t().to_owned()).unwrap();
+    let (out, reference) = (folder.path().join("out"), demo.join("reference.npy"));
+    let scene = succeed(&["plan", "paper-disc", "--print-scene"]);
+    let scene = format!("{scene}\n[recording]\nframes_are = \"columns\"\n");
+    let (keyed, plain) = (write_scene(folder.path(), &scene), text(&turned));
+    let refused = common::refuse(&[
+        "reconstruct",
+        "paper-disc",
+        "--frames",
+        plain,
+        "--reference",
+        "0",
+        "--out",
+        text(&out),
+    ]);
+    assert!(refused.contains("frames_are = \"columns\""), "{refused}");
+    succeed(&[
+        "reconstruct",
+        text(&keyed),
+        "--frames",
+        plain,
+        "--reference",
+        text(&reference),
+        "--out",
+        text(&out),
+    ]);
+    let [one, other] = [&out, &demo].map(|f| std::fs::read(f.join("images.npy")).unwrap());
+    assert!(one == other);
+}

@@ -129,7 +129,6 @@ impl ReadOptions {
         npy::NpyOptions {
             orientation: self.frames_are.unwrap_or(self.npy.orientation),
             complex: self.complex || self.npy.complex,
-            matrix: self.frames_are.is_none() && self.npy.matrix,
         }
     }
 

@@ -478,7 +478,7 @@ fn keys_of_tables_are_for_tables() {
     assert_eq!((recording.real[[0, 0]], recording.imaginary.unwrap()[[0, 0]]), (1.0, 2.0));
     // the keys go over the options of one reader
     let mut options = ReadOptions { frames_are: both.frames_are, ..ReadOptions::default() };
-    options.npy.matrix = true;
+    options.npy.orientation = FrameOrientation::Matrix;
     assert_eq!(npy(&options).unwrap().real.dim(), (2, 1));
 }
 

@@ -44,7 +44,7 @@ fn parse_all(bytes: &[u8]) {
     for orientation in ORIENTATIONS {
         for complex in [false, true] {
             check(csv::parse(bytes, &path, &CsvOptions { orientation, complex }));
-            let options = NpyOptions { orientation, complex, matrix: false };
+            let options = NpyOptions { orientation, complex };
             check(npy::parse(bytes, &path, &options));
         }
     }
@@ -176,7 +176,7 @@ proptest! {
         let text = joined(&written, ",", "\n");
         let options = CsvOptions { orientation, complex: true };
         let csv = csv::parse(text.as_bytes(), &name("f.csv"), &options).unwrap();
-        let options = NpyOptions { orientation, complex: true, matrix: false };
+        let options = NpyOptions { orientation, complex: true };
         let npy = npy::parse(&npy_bytes(&written, false, false), &name("f.npy"), &options).unwrap();
         for recording in [csv, npy] {
             let wanted = frames_of(&table, orientation);
@@ -193,13 +193,10 @@ proptest! {
         orientation in prop::sample::select(ORIENTATIONS.to_vec()),
     ) {
         let bytes = npy_bytes(&table, fortran, big);
-        let options = NpyOptions { orientation, complex: false, matrix: false };
+        let options = NpyOptions { orientation, complex: false };
         let recording = npy::parse(&bytes, &name("f.npy"), &options).unwrap();
         prop_assert_eq!(recording.real, frames_of(&table, orientation));
         prop_assert_eq!(recording.frames_are, Some(orientation));
-        let matrix = NpyOptions { matrix: true, ..options };
-        let recording = npy::parse(&bytes, &name("f.npy"), &matrix).unwrap();
-        prop_assert_eq!(recording.real, frames_of(&table, FrameOrientation::Matrix));
     }
 
     #[test]
@@ -216,7 +213,7 @@ proptest! {
         table[[at / columns, at % columns]] = f64::NAN;
         let text = joined(&table, ",", "\n");
         let csv = csv::parse(text.as_bytes(), &name("f"), &CsvOptions { orientation, complex });
-        let options = NpyOptions { orientation, complex, matrix: false };
+        let options = NpyOptions { orientation, complex };
         let npy = npy::parse(&npy_bytes(&table, false, false), &name("f"), &options);
         // where the value would be if it were a number
         table.mapv_inplace(|value| f64::from(u8::from(value.is_nan())));

@@ -9,7 +9,7 @@ pub(crate) use fit::ModelFit;
 use crate::error::CliError;
 use crate::scene::{Component, DifferenceKind, FramesAre, OneOrManyFiles, Reference, Scene};
 use eit_fem::Protocol;
-use eit_hw::{Layout, Quality, ReadOptions, Unit};
+use eit_hw::{FrameOrientation, Layout, MeasuredFrames, ReadOptions, Recording};
 use ndarray::{Array2, Axis, concatenate};
 use std::path::{Path, PathBuf};
 
@@ -45,10 +45,8 @@ impl Frames {
 
 /// Frames of files in protocol order.
 struct Loaded {
-    values: Array2<f64>,
-    quality: Array2<Quality>,
+    frames: MeasuredFrames,
     marked_reference: Option<usize>,
-    time_s: Option<Vec<f64>>,
     ordered_by_file: bool,
     notes: Vec<String>,
 }
@@ -64,7 +62,8 @@ pub(crate) fn load(
     let (reference, reference_source, reference_good) =
         reference::take(scene, protocol, &loaded, reference)?;
     let mut notes = loaded.notes.clone();
-    let mean = mean_over(&loaded.values, 0..loaded.values.nrows());
+    let count = loaded.frames.values.nrows();
+    let mean = loaded.frames.mean_frame();
     let reciprocity_error = order::check(scene, protocol, &loaded, &mean, &mut notes)?;
     let reasons = reasons_to_leave_out(scene, protocol, &loaded, &reference, &reference_good);
     let used: Vec<bool> = reasons.iter().map(Option::is_none).collect();
@@ -78,16 +77,16 @@ pub(crate) fn load(
         return Err(CliError::input(format!("no measurement is usable: {}", notes.join("; "))));
     }
     let first = scene.recording.first_frame.unwrap_or(0);
-    let count = loaded.values.nrows();
     if first >= count {
         let message = format!("recording.first_frame is {first}, but there are {count} frames");
         return Err(CliError::input(message));
     }
-    let rate_hz = scene.recording.frame_rate_hz.or_else(|| rate(loaded.time_s.as_deref()));
-    let good = loaded.quality.mapv(|q| q.is_good());
+    let rate_hz =
+        scene.recording.frame_rate_hz.or_else(|| rate(loaded.frames.device_time_s.as_deref()));
+    let good = loaded.frames.quality.mapv(|q| q.is_good());
     let from_first = |array: &Array2<f64>| array.slice_axis(Axis(0), (first..).into()).to_owned();
     Ok(Frames {
-        values: from_first(&loaded.values),
+        values: from_first(&loaded.frames.values),
         good: good.slice_axis(Axis(0), (first..).into()).to_owned(),
         reference,
         reference_source,
@@ -137,8 +136,8 @@ fn reasons_to_leave_out(
     let normalised = scene.difference_kind(protocol) == DifferenceKind::Normalised;
     let finite = reference.iter().filter(|v| v.is_finite());
     let largest = finite.fold(0.0_f64, |m, v| m.max(v.abs()));
-    let frames = loaded.quality.nrows();
-    let bad = |i: usize| loaded.quality.column(i).iter().filter(|q| !q.is_good()).count();
+    let frames = loaded.frames.quality.nrows();
+    let bad = |i: usize| loaded.frames.quality.column(i).iter().filter(|q| !q.is_good()).count();
     (0..protocol.measurements())
         .map(|i| match i {
             _ if driven[i] && !scene.reconstruction.use_driven_electrodes => Some(DRIVEN),
@@ -153,11 +152,12 @@ fn reasons_to_leave_out(
 fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded, CliError> {
     let keys = &scene.recording;
     let mut options = ReadOptions::default();
-    options.csv.complex = keys.complex;
-    if keys.frames_are == Some(FramesAre::Columns) {
-        options.csv.orientation = eit_hw::csv::FrameOrientation::Columns;
-    }
-    options.npy.matrix = keys.frames_are == Some(FramesAre::Matrix);
+    options.complex = keys.complex;
+    options.frames_are = keys.frames_are.map(|frames_are| match frames_are {
+        FramesAre::Rows => FrameOrientation::Rows,
+        FramesAre::Columns => FrameOrientation::Columns,
+        FramesAre::Matrix => FrameOrientation::Matrix,
+    });
     if let Some(row) = keys.frequency_row {
         options.sciospec.frequency_row = row;
     }
@@ -171,43 +171,48 @@ fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded,
     };
     let mut parts = Vec::new();
     let mut notes = Vec::new();
-    let (mut marked_reference, mut time_s, mut ordered_by_file) = (None, None, true);
+    let (mut marked_reference, mut ordered_by_file) = (None, true);
     for file in files {
         let recording = eit_hw::read_recording(file, format, &options)?;
         let count = protocol.measurements();
         let mut frames = recording.frames_for(protocol.quadruples(), count, component)?;
-        if frames.unit == Unit::Ohm {
-            frames.values *= drive_current_a(protocol);
-        }
+        frames.to_volts(drive_current_a(protocol));
         frames.values *= scale;
-        notes.extend(recording.notes.iter().map(|n| format!("{}: {n}", name_of(file))));
-        if recording.skipped.frames > 0 {
-            let first = recording.skipped.first.first().map(|s| format!(" (first: {s})"));
-            let first = first.unwrap_or_default();
-            let count = recording.skipped.frames;
-            notes.push(format!("{}: {count} cut frames skipped{first}", name_of(file)));
-        }
+        notes.extend(notes_of(&recording, file));
         if parts.is_empty() {
             marked_reference = recording.reference_frame;
-            time_s = frames.device_time_s.take();
         }
         ordered_by_file &= !matches!(recording.layout, Layout::AsScene);
         parts.push(frames);
     }
-    if files.len() > 1 {
-        time_s = None;
+    let frames = joined(parts)?;
+    Ok(Loaded { frames, marked_reference, ordered_by_file, notes })
+}
+
+/// What a user should know of one file.
+fn notes_of(recording: &Recording, file: &Path) -> Vec<String> {
+    let name = name_of(file);
+    let mut notes: Vec<String> = recording.notes.iter().map(|n| format!("{name}: {n}")).collect();
+    let skipped = &recording.skipped;
+    if let (count @ 1.., Some(first)) = (skipped.frames, skipped.first.first()) {
+        notes.push(format!("{name}: {count} cut frames skipped (first: {first})"));
     }
-    let join = |e: ndarray::ShapeError| CliError::Failure(format!("joining files: {e}"));
+    notes
+}
+
+/// The frames of several files one after the other; their clocks do not continue.
+fn joined(mut parts: Vec<MeasuredFrames>) -> Result<MeasuredFrames, CliError> {
+    if parts.len() == 1 {
+        return Ok(parts.remove(0));
+    }
+    let failed = |e: ndarray::ShapeError| CliError::Failure(format!("joining files: {e}"));
     let values: Vec<_> = parts.iter().map(|p| p.values.view()).collect();
     let quality: Vec<_> = parts.iter().map(|p| p.quality.view()).collect();
-    Ok(Loaded {
-        values: concatenate(Axis(0), &values).map_err(join)?,
-        quality: concatenate(Axis(0), &quality).map_err(join)?,
-        marked_reference,
-        time_s,
-        ordered_by_file,
-        notes,
-    })
+    let (values, quality) = (
+        concatenate(Axis(0), &values).map_err(failed)?,
+        concatenate(Axis(0), &quality).map_err(failed)?,
+    );
+    Ok(MeasuredFrames { values, quality, device_time_s: None, ..parts.remove(0) })
 }
 
 /// Whether a measurement touches an electrode that carries current, where two electrodes do.
@@ -235,11 +240,4 @@ fn rate(time_s: Option<&[f64]>) -> Option<f64> {
     let time_s = time_s?;
     let span = time_s.last()? - time_s.first()?;
     (span > 0.0).then(|| (time_s.len() - 1) as f64 / span)
-}
-
-/// Mean over some frames; NaN in a flagged value stays NaN and is left out by its flag.
-fn mean_over(values: &Array2<f64>, frames: std::ops::Range<usize>) -> Vec<f64> {
-    let count = frames.len() as f64;
-    let part = values.slice_axis(Axis(0), frames.into());
-    (part.sum_axis(Axis(0)) / count).to_vec()
 }

@@ -18,7 +18,7 @@ pub(super) fn take(
     loaded: &Loaded,
     given: Option<&Reference>,
 ) -> Result<ReferenceFrame, CliError> {
-    let count = loaded.values.nrows();
+    let count = loaded.frames.values.nrows();
     let marked = loaded.marked_reference.map(Reference::Frame);
     let reference = given.or(scene.recording.reference.as_ref()).or(marked.as_ref());
     let (range, words) = match reference {
@@ -44,14 +44,14 @@ pub(super) fn take(
         let message = format!("reference {words}: the recording has frames 0 to {last}");
         return Err(CliError::input(message));
     }
-    let (values, good) = mean_of_good(loaded, range);
+    let (values, good) = loaded.frames.mean_of(range);
     Ok((values, words, good))
 }
 
 fn from_file(scene: &Scene, protocol: &Protocol, path: &Path) -> Result<ReferenceFrame, CliError> {
     let other = read(scene, protocol, std::slice::from_ref(&path.to_path_buf()))?;
-    let count = other.values.nrows();
-    let (values, good) = mean_of_good(&other, 0..count);
+    let count = other.frames.values.nrows();
+    let (values, good) = other.frames.mean_of(0..count);
     let frames = if count == 1 { "1 frame".to_owned() } else { format!("mean of {count} frames") };
     Ok((values, format!("{} ({frames})", name_of(path)), good))
 }
@@ -69,18 +69,4 @@ fn range_of(text: &str, count: usize) -> Option<(Range<usize>, String)> {
         return Some((from.parse().ok()?..to.parse().ok()?, format!("mean of frames {text}")));
     }
     text.parse().ok().map(single)
-}
-
-/// Mean of the good values of each measurement, and whether there is one.
-fn mean_of_good(loaded: &Loaded, frames: Range<usize>) -> (Vec<f64>, Vec<bool>) {
-    let measurements = loaded.values.ncols();
-    let (mut means, mut good) = (Vec::with_capacity(measurements), Vec::new());
-    for i in 0..measurements {
-        let usable = frames.clone().filter(|&f| loaded.quality[[f, i]].is_good());
-        let (count, sum) =
-            usable.fold((0_usize, 0.0), |(count, sum), f| (count + 1, sum + loaded.values[[f, i]]));
-        good.push(count > 0);
-        means.push(sum / count as f64);
-    }
-    (means, good)
 }

@@ -24,14 +24,6 @@ pub struct NpyOptions {
     /// Rows (or columns, also those of a matrix) of real numbers alternate: real parts of frame 0,
     /// imaginary parts of frame 0, real parts of frame 1 and so on.
     pub complex: bool,
-    /// The same as the orientation [`FrameOrientation::Matrix`], over which it goes.
-    pub matrix: bool,
-}
-
-impl NpyOptions {
-    fn orientation(self) -> FrameOrientation {
-        if self.matrix { FrameOrientation::Matrix } else { self.orientation }
-    }
 }
 
 /// Reads an NPY file.
@@ -55,7 +47,7 @@ pub fn read(path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
 /// alternate, and complex numbers where real ones should alternate.
 pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
     let Header { first_byte, kind, fortran, shape } = Header::parse(bytes, path)?;
-    let orientation = options.orientation();
+    let orientation = options.orientation;
     let by_rows = orientation == FrameOrientation::Rows;
     let (rows, columns) = match shape[..] {
         [values] | [values, 1] if by_rows => (1, values),
@@ -125,7 +117,7 @@ impl Stored<'_> {
                     [index / columns, index % columns]
                 };
                 let (frame, measurement) =
-                    table::position(cell, rows, options.orientation(), options.complex);
+                    table::position(cell, rows, options.orientation, options.complex);
                 return Err(HwError::NonFinite { place, frame, measurement, value });
             }
             list.push(value);
