@@ -1,7 +1,13 @@
 //! Real recordings in, pressure images out: what is known of each must be seen in its images.
 //!
 //! Every number printed here stands in `docs/VALIDATION.md`. The recordings are read in place.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout, reason = "tests")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "tests"
+)]
 
 mod common;
 

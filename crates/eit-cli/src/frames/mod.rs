@@ -151,13 +151,16 @@ fn reasons_to_leave_out(
 
 fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded, CliError> {
     let keys = &scene.recording;
-    let mut options = ReadOptions::default();
-    options.complex = keys.complex;
-    options.frames_are = keys.frames_are.map(|frames_are| match frames_are {
+    let orientation = |frames_are| match frames_are {
         FramesAre::Rows => FrameOrientation::Rows,
         FramesAre::Columns => FrameOrientation::Columns,
         FramesAre::Matrix => FrameOrientation::Matrix,
-    });
+    };
+    let mut options = ReadOptions {
+        complex: keys.complex,
+        frames_are: keys.frames_are.map(orientation),
+        ..Default::default()
+    };
     if let Some(row) = keys.frequency_row {
         options.sciospec.frequency_row = row;
     }

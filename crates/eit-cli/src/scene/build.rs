@@ -80,11 +80,10 @@ impl Scene {
                 height_m: self.needed(skin.height_m, "skin.height_m", "a rectangle")?,
             },
             Shape::Polygon | Shape::Mesh => SkinShape::Polygon {
-                outline_m: open_loop(&self.needed(
-                    skin.outline.as_ref(),
-                    "skin.outline",
-                    "a polygon",
-                )?),
+                outline_m: {
+                    let outline = skin.outline.as_ref();
+                    open_loop(self.needed(outline, "skin.outline", "a polygon")?)
+                },
                 holes_m: skin.holes.iter().map(|h| open_loop(h)).collect(),
             },
         })
