@@ -13,8 +13,7 @@ use eit_inverse::{
     HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget, Noser, Prior, Tikhonov,
 };
 use eit_mesh::{Mesh, Raster};
-use ndarray::{Array1, Array2, Axis};
-use std::collections::BTreeMap;
+use ndarray::{Array1, Array2, ArrayView1, Axis};
 
 /// Pixels along the longer side where the scene states none: a disc of 64 has 3 200 pixels, ten
 /// times more than 208 measurements can tell apart.
@@ -167,18 +166,14 @@ pub(crate) fn imaging(
     progress: &mut Progress,
 ) -> Result<Imaging, CliError> {
     let kind = scene.difference_kind(&setup.protocol);
-    let (data, scales) = match kind {
-        DifferenceKind::Plain => (DifferenceData::Plain, None),
+    let data = match kind {
+        DifferenceKind::Plain => DifferenceData::Plain,
         DifferenceKind::Normalised => {
-            let model_voltages_v = linearised.voltages.to_vec();
-            (DifferenceData::Normalised { model_voltages_v }, Some(&frames.reference))
+            DifferenceData::Normalised { model_voltages_v: linearised.voltages.to_vec() }
         }
     };
-    // additive noise is a different fraction of each reference voltage
-    let noise_std = match (scene.noise.additive_v, scales) {
-        (Some(noise), Some(reference)) => Some(reference.iter().map(|v| noise / v.abs()).collect()),
-        _ => None,
-    };
+    let additive = scene.noise.additive_v.map(|e| vec![e; setup.protocol.measurements()]);
+    let noise_std = additive.map(|noise_std_v| data.noise_std(&noise_std_v)).transpose()?;
     let settings = DifferenceSettings {
         data,
         noise_std,
@@ -241,8 +236,7 @@ fn choose(
 impl Imaging {
     /// Images [frame, row, column] in siemens, NaN outside the skin.
     ///
-    /// Frames with bad values among the used measurements are reconstructed without them, each
-    /// set of bad ones once: `m r^2` flops for a set of the `m` used measurements of rank `r`.
+    /// Frames with bad values among the used measurements are reconstructed without them.
     pub fn images(&self, frames: &Frames, progress: &mut Progress) -> Result<ImageStack, CliError> {
         let count = frames.values.nrows();
         let bytes = 8.0 * count as f64 * (self.raster.pixels() as f64).powi(2);
@@ -255,25 +249,30 @@ impl Imaging {
             )));
         }
         progress.steps("images", count, |bar| {
-            let raster = self.raster.pixel_from_element();
-            let mut sets: BTreeMap<Vec<bool>, Vec<usize>> = BTreeMap::new();
-            for (frame, good) in frames.good.rows().into_iter().enumerate() {
-                let used = good.iter().zip(&frames.used).map(|(good, used)| *good && *used);
-                sets.entry(used.collect()).or_default().push(frame);
-            }
+            let reconstructor = self.difference.on_raster(self.raster.pixel_from_element())?;
             let mut pixels = Array2::zeros((count, self.raster.masked_pixels().len()));
-            for (used, members) in sets {
-                let reconstructor = if used == frames.used {
-                    self.difference.on_raster(raster)?
-                } else {
-                    self.difference.restricted_to(&used)?.on_raster(raster)?
-                };
-                let values = frames.values.select(Axis(0), &members);
-                let found = reconstructor.reconstruct_frames(values.view(), &frames.reference)?;
-                for (row, frame) in found.rows().into_iter().zip(&members) {
-                    pixels.row_mut(*frame).assign(&row);
-                    bar.inc(1);
-                }
+            let clean = frames.clean();
+            let values = frames.values.select(Axis(0), &clean);
+            let found = reconstructor.reconstruct_frames(values.view(), &frames.reference)?;
+            for (row, frame) in found.rows().into_iter().zip(&clean) {
+                pixels.row_mut(*frame).assign(&row);
+            }
+            bar.set_position(clean.len() as u64);
+            let mut workspace = reconstructor.workspace();
+            let mut image = vec![0.0; reconstructor.image_len()];
+            for frame in (0..count).filter(|frame| clean.binary_search(frame).is_err()) {
+                let bad: Vec<usize> =
+                    (0..frames.used.len()).filter(|&i| !frames.good[[frame, i]]).collect();
+                let values = frames.values.row(frame).to_vec();
+                reconstructor.reconstruct_without_into(
+                    &values,
+                    &frames.reference,
+                    &bad,
+                    &mut workspace,
+                    &mut image,
+                )?;
+                pixels.row_mut(frame).assign(&ArrayView1::from(&image));
+                bar.inc(1);
             }
             let images = self.raster.images_from_pixels(pixels.view())?;
             Ok(ImageStack::new(images, self.raster.mask().clone())?)
@@ -286,15 +285,7 @@ impl Imaging {
         let mut residuals = vec![None; frames.values.nrows()];
         for frame in frames.clean() {
             let values = frames.values.row(frame).to_vec();
-            let differs = values
-                .iter()
-                .zip(&frames.reference)
-                .zip(&frames.used)
-                .any(|((value, reference), used)| *used && value != reference);
-            if differs {
-                let residual = self.difference.relative_residual(&values, &frames.reference)?;
-                residuals[frame] = Some(residual);
-            }
+            residuals[frame] = self.difference.relative_residual(&values, &frames.reference)?;
         }
         Ok(residuals)
     }

@@ -27,6 +27,23 @@ pub enum DifferenceData {
     },
 }
 
+impl DifferenceData {
+    /// [`DifferenceSettings::noise_std`] of noise given in volts, both `[measurement]`: `e_i`
+    /// (plain) or `e_i / |v0_i|` (normalised).
+    ///
+    /// # Errors
+    /// [`InverseError::WrongLength`] where there are not as many model voltages.
+    pub fn noise_std(&self, noise_std_v: &[f64]) -> Result<Vec<f64>, InverseError> {
+        match self {
+            Self::Plain => Ok(noise_std_v.to_vec()),
+            Self::Normalised { model_voltages_v } => {
+                check_length("noise_std_v", noise_std_v.len(), model_voltages_v.len())?;
+                Ok(noise_std_v.iter().zip(model_voltages_v).map(|(e, v)| e / v.abs()).collect())
+            }
+        }
+    }
+}
+
 /// Settings of [`Difference`](crate::Difference).
 #[derive(Debug, Clone, PartialEq)]
 pub struct DifferenceSettings {
@@ -36,9 +53,14 @@ pub struct DifferenceSettings {
     /// Plain (default) or normalised difference.
     pub data: DifferenceData,
     /// Standard deviation of the noise of each difference `dv_i`, `[measurement]`, in the unit of
-    /// `dv`: volts (plain) or dimensionless (normalised; noise of `e` volts in a channel is
-    /// `e / |v_ref_i|`). `None`: equal in all. Only ratios matter, because the scale `s` contains
-    /// the weights. The noise covariance `W^-1` is the diagonal of the squares.
+    /// `dv`: volts (plain) or dimensionless (normalised; noise of `e_i` volts in a channel is
+    /// `e_i / |v0_i|` by the model's voltage, not by a reference frame, whose drift would change
+    /// `W` and with it the meaning of lambda: [`DifferenceData::noise_std`]). `None`: equal in all
+    /// and of unknown size.
+    ///
+    /// The noise covariance `W^-1` is the diagonal of the squares. An image depends on the ratios
+    /// alone, because the scale `s` contains the weights, which are therefore kept relative to the
+    /// largest value; that value is [`Report::noise_scale`](crate::Report::noise_scale).
     pub noise_std: Option<Vec<f64>>,
     /// Which measurements to use, `[measurement]`; `None`: all. An unused one is left out, not
     /// filled in: its row is removed from the problem, and its values in frames, reference,
@@ -59,8 +81,10 @@ pub(crate) struct Channels {
     pub(crate) count: usize,
     /// Protocol index of each used measurement, ascending.
     pub(crate) used: Vec<usize>,
-    /// `1 / noise_std` of each used measurement: the diagonal of `W^1/2`.
+    /// `noise_scale / noise_std` of each used measurement: the diagonal of `W^1/2`.
     pub(crate) root_weights: Vec<f64>,
+    /// The `noise_std` of weight 1, in the unit of `dv`; `None` where no noise was given.
+    pub(crate) noise_scale: Option<f64>,
     /// Model voltage of each used measurement; empty for plain data.
     pub(crate) model_voltages_v: Vec<f64>,
 }
@@ -69,9 +93,12 @@ impl Channels {
     /// Checks the settings against a Jacobian of `count` rows.
     pub(crate) fn new(count: usize, settings: &DifferenceSettings) -> Result<Self, InverseError> {
         let used = used_indices(count, settings.used.as_deref())?;
-        let root_weights = match &settings.noise_std {
-            None => vec![1.0; used.len()],
-            Some(noise_std) => root_weights(count, &used, noise_std)?,
+        let (root_weights, noise_scale) = match &settings.noise_std {
+            None => (vec![1.0; used.len()], None),
+            Some(noise_std) => {
+                let (root_weights, largest) = root_weights(count, &used, noise_std)?;
+                (root_weights, Some(largest))
+            }
         };
         let model_voltages_v = match &settings.data {
             DifferenceData::Plain => Vec::new(),
@@ -86,7 +113,7 @@ impl Channels {
                 picked
             }
         };
-        Ok(Self { count, used, root_weights, model_voltages_v })
+        Ok(Self { count, used, root_weights, noise_scale, model_voltages_v })
     }
 
     /// Whether data is divided by the reference.
@@ -116,23 +143,32 @@ impl Channels {
             count: self.count,
             used: kept.iter().map(|&k| self.used[k]).collect(),
             root_weights: pick(&self.root_weights),
+            noise_scale: self.noise_scale,
             model_voltages_v: pick(&self.model_voltages_v),
         };
         Ok((channels, kept))
     }
 
-    /// Difference data of the used measurements, not weighted, into `difference` `[used]`.
+    /// Difference data of the used measurements, not weighted, into `difference` `[used]`: zero at
+    /// the indices into `used` that `left_out` lists in ascending order, whose values are not
+    /// looked at.
     pub(crate) fn difference_into(
         &self,
         frame_index: usize,
         frame: &[f64],
         reference_frame: &[f64],
+        left_out: &[usize],
         difference: &mut [f64],
     ) -> Result<(), InverseError> {
         check_length("frame", frame.len(), self.count)?;
         check_length("reference frame", reference_frame.len(), self.count)?;
         let normalised = self.normalised();
-        for (dv, &measurement) in difference.iter_mut().zip(&self.used) {
+        let mut left_out = left_out.iter().peekable();
+        for (k, (dv, &measurement)) in difference.iter_mut().zip(&self.used).enumerate() {
+            if left_out.next_if_eq(&&k).is_some() {
+                *dv = 0.0;
+                continue;
+            }
             let (value, reference) = (frame[measurement], reference_frame[measurement]);
             if !value.is_finite() {
                 return Err(InverseError::NonFiniteData { frame: frame_index, measurement, value });
@@ -148,6 +184,10 @@ impl Channels {
                     let (what, value) = ("the reference frame", reference);
                     return Err(InverseError::ZeroReference { what, measurement, value });
                 }
+            } else if !dv.is_finite() {
+                // two finite values of 1e308 and opposite sign
+                let (frame, value) = (frame_index, *dv);
+                return Err(InverseError::NonFiniteData { frame, measurement, value });
             }
         }
         Ok(())
@@ -186,10 +226,16 @@ fn used_indices(count: usize, used: Option<&[bool]>) -> Result<Vec<usize>, Inver
     Ok(indices)
 }
 
-fn root_weights(count: usize, used: &[usize], noise_std: &[f64]) -> Result<Vec<f64>, InverseError> {
+/// Weights relative to that of the largest `noise_std`, and that value.
+fn root_weights(
+    count: usize,
+    used: &[usize],
+    noise_std: &[f64],
+) -> Result<(Vec<f64>, f64), InverseError> {
     check_length("noise_std", noise_std.len(), count)?;
     let largest = used.iter().map(|&i| noise_std[i]).fold(0.0, f64::max);
-    used.iter()
+    let weights: Result<Vec<f64>, InverseError> = used
+        .iter()
         .map(|&measurement| {
             let value = noise_std[measurement];
             let must = "finite, above zero and at least 1e-7 of the largest";
@@ -203,5 +249,6 @@ fn root_weights(count: usize, used: &[usize], noise_std: &[f64]) -> Result<Vec<f
             // relative to the largest, so that no unit can overflow; only ratios matter
             if usable { Ok(largest / value) } else { Err(error) }
         })
-        .collect()
+        .collect();
+    Ok((weights?, largest))
 }

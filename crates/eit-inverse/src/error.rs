@@ -60,7 +60,27 @@ pub enum InverseError {
         /// Measurement index.
         measurement: usize,
     },
-    /// A measured value is NaN or infinite.
+    /// A measurement is named that the protocol has not.
+    #[error("measurement {measurement} does not exist: the protocol has {measurements} (from 0)")]
+    UnknownMeasurement {
+        /// Measurement index.
+        measurement: usize,
+        /// Measurements of the protocol.
+        measurements: usize,
+    },
+    /// Left-out measurements cannot be taken out of a reconstruction after the fact: at this
+    /// hyperparameter they carry a part of the image almost alone.
+    #[error(
+        "leaving {left_out} measurements out of this reconstruction would err by {expected_error:.0e} of \
+         the image: use `Difference::restricted_to` or a larger hyperparameter"
+    )]
+    LeftOutDominates {
+        /// How many are left out.
+        left_out: usize,
+        /// Expected error by rounding, as a part of the image; 1 where no digit would be left.
+        expected_error: f64,
+    },
+    /// A measured value, or its difference to the reference, is NaN or infinite.
     #[error(
         "frame {frame}, measurement {measurement} is {value}: leave the measurement out (`used`) \
          or repair the frame"

@@ -57,8 +57,13 @@ pub struct Report {
     /// Largest eigenvalue over the smallest one above the noise floor; that floor is
     /// `m f64::EPSILON` of the largest, so this is at most `1 / (m 2.2e-16)`.
     pub condition: f64,
-    /// Scale `s`, see [`Difference`], for weights relative to that of the largest `noise_std`.
+    /// Scale `s`, see [`Difference`], for weights relative to that of the largest `noise_std`:
+    /// divided by the square of `noise_scale` it is that of `W = 1 / noise_std^2`.
     pub scale: f64,
+    /// The largest `noise_std` of the used measurements, in the unit of `dv`: the weights are
+    /// `W = (noise_scale / noise_std)^2`. `None` where no noise was given: then `W = 1`, and the
+    /// size of the noise is unknown. [`Difference::restricted_to`] keeps weights and scale.
+    pub noise_scale: Option<f64>,
     /// Hyperparameter lambda in use.
     pub hyperparameter: f64,
     /// How it was chosen and whether that succeeded.
@@ -124,7 +129,8 @@ impl Difference {
     ///
     /// Costs `m r^2 + 2 n r^2` flops; the prior is not needed again. `used` is `[measurement]`.
     /// Measurements left out before cannot come back; keep the full reconstruction for that. The
-    /// hyperparameter stays.
+    /// hyperparameter stays. For a few bad values in single frames
+    /// [`Reconstructor::reconstruct_without_into`] is far cheaper.
     ///
     /// # Errors
     /// Wrong length, nothing left, [`InverseError::NotAvailable`].
@@ -162,6 +168,7 @@ impl Difference {
             rank,
             condition: spectrum.values[0] / spectrum.values[rank - 1],
             scale: spectrum.scale,
+            noise_scale: channels.noise_scale,
             hyperparameter,
             hyperparameter_status: HyperparameterStatus::Given,
             degrees_of_freedom: spectrum.degrees_of_freedom(hyperparameter),
@@ -169,9 +176,7 @@ impl Difference {
             spectrum_s: times_s[1],
             basis_s: times_s[2],
         };
-        let filter = spectrum.filter(hyperparameter);
-        let vectors = spectrum.vectors.as_ref();
-        let reconstructor = Reconstructor::new(channels, image_basis, vectors, &filter);
+        let reconstructor = Reconstructor::new(channels, image_basis, &spectrum, hyperparameter);
         Self { reconstructor, spectrum, report }
     }
 
@@ -204,8 +209,7 @@ impl Difference {
     }
 
     fn apply(&mut self, hyperparameter: f64, status: HyperparameterStatus) {
-        let filter = self.spectrum.filter(hyperparameter);
-        self.reconstructor.set_filter(self.spectrum.vectors.as_ref(), &filter);
+        self.reconstructor.set_hyperparameter(&self.spectrum, hyperparameter);
         self.report.hyperparameter = hyperparameter;
         self.report.hyperparameter_status = status;
         self.report.degrees_of_freedom = self.spectrum.degrees_of_freedom(hyperparameter);
@@ -277,7 +281,8 @@ impl Difference {
 
     /// What the image leaves unexplained: `|dv - J dsigma|_W / |dv|_W`, between 0 and 1.
     ///
-    /// From the spectrum, `O(r m)`; 0 where frame and reference frame are equal.
+    /// From the spectrum, `O(r m)`. `None` where frame and reference frame are equal in all used
+    /// measurements: there is nothing to explain.
     ///
     /// # Errors
     /// As [`Reconstructor::difference`].
@@ -285,16 +290,21 @@ impl Difference {
         &self,
         frame: &[f64],
         reference_frame: &[f64],
-    ) -> Result<f64, InverseError> {
+    ) -> Result<Option<f64>, InverseError> {
         let difference = self.reconstructor.difference(frame, reference_frame)?;
-        let mut whitened = difference.to_vec();
+        let largest = difference.iter().fold(0.0_f64, |m, dv| m.max(dv.abs()));
+        if largest == 0.0 {
+            return Ok(None);
+        }
+        // relative to the largest, so that no square leaves the range of doubles
         let weights = &self.reconstructor.channels.root_weights;
-        whitened.iter_mut().zip(weights).for_each(|(b, w)| *b *= w);
+        let whitened: Vec<f64> =
+            difference.iter().zip(weights).map(|(dv, w)| dv / largest * w).collect();
         let data = ColRef::from_slice(&whitened).as_mat();
         let parts = self.spectrum.decompose(data);
         let norm = parts.squared_norm();
         let residual = parts.squared_residual(&self.spectrum, self.report.hyperparameter);
-        Ok(if norm > 0.0 { (residual / norm).sqrt() } else { 0.0 })
+        Ok(Some((residual / norm).sqrt()))
     }
 }
 

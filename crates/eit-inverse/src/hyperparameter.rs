@@ -100,9 +100,12 @@ pub enum HyperparameterStatus {
 pub struct CurvePoint {
     /// Lambda.
     pub hyperparameter: f64,
-    /// `|dv - J dsigma|_W`, root of the sum over frames.
+    /// `|dv - J dsigma|_W`, root of the sum over frames, in the unit of `dv`: the weights are
+    /// relative to the largest `noise_std`. Divided by
+    /// [`Report::noise_scale`](crate::Report::noise_scale) it counts standard deviations: where
+    /// `noise_std` is right, noise alone gives the square the mean `frames * measurements_used`.
     pub residual_norm: f64,
-    /// `|dsigma|_R`, root of the sum over frames.
+    /// `|dsigma|_R`, root of the sum over frames, siemens times the unit of the root of `R`.
     pub solution_norm: f64,
     /// Noise figure, curvature of the L-curve, or generalised cross-validation function.
     pub criterion: f64,

@@ -4,6 +4,7 @@ mod data;
 mod error;
 mod gauss_newton;
 mod hyperparameter;
+mod left_out;
 pub mod metrics;
 pub mod prior;
 mod reconstructor;

@@ -32,12 +32,62 @@ pub fn correlation_coefficient(
     Ok(covariance / image_variance.sqrt() / truth_variance.sqrt())
 }
 
-/// Centre of gravity of the part of an image `[element]` above half of its largest amplitude,
-/// metres, weighted by area; the sign of the largest amplitude decides which sign counts. `None`
-/// for an image that is zero.
+/// Which changes a figure of merit looks at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ChangeSign {
+    /// More conductivity: positive values.
+    Increase,
+    /// Less conductivity: negative values.
+    Decrease,
+}
+
+/// Centre of gravity of the part of an image that reaches half of its largest value of one sign,
+/// metres:
 ///
-/// Source: after the figures of merit of GREIT, Adler et al., *Physiol. Meas.* 30 (2009), S35-S55,
-/// whose set begins at a quarter of the largest value.
+/// ```text
+/// sum over the part  |x| area position / sum over the part  |x| area,   part: |x| >= max |x| / 2
+/// ```
+///
+/// `values`, `areas_m2` and `positions_m` (in two or three dimensions) have one entry per element
+/// or per pixel. Values that are not finite (pixels outside the skin) are no part of the image.
+/// `None` where no value has the sign.
+///
+/// Source: the position of the figures of merit of GREIT, Adler et al., *Physiol. Meas.* 30
+/// (2009), S35-S55, section 2.3. GREIT's part begins at a quarter of the largest value and all of
+/// it counts alike; half, and the value as a weight, depend less on what lies at the threshold.
+///
+/// # Errors
+/// [`InverseError::WrongLength`].
+pub fn half_maximum_centre_m<const D: usize>(
+    values: &[f64],
+    areas_m2: &[f64],
+    positions_m: &[[f64; D]],
+    sign: ChangeSign,
+) -> Result<Option<[f64; D]>, InverseError> {
+    check_length("areas_m2", areas_m2.len(), values.len())?;
+    check_length("positions_m", positions_m.len(), values.len())?;
+    let sign = match sign {
+        ChangeSign::Increase => 1.0,
+        ChangeSign::Decrease => -1.0,
+    };
+    let sizes = || values.iter().map(|x| if x.is_finite() { sign * x } else { 0.0 });
+    let largest = sizes().fold(0.0, f64::max);
+    if largest == 0.0 {
+        return Ok(None);
+    }
+    let (mut moment, mut total) = ([0.0; D], 0.0);
+    for ((size, area), position) in sizes().zip(areas_m2).zip(positions_m) {
+        if size >= 0.5 * largest {
+            let weight = size / largest * area;
+            (0..D).for_each(|k| moment[k] += weight * position[k]);
+            total += weight;
+        }
+    }
+    Ok(Some(moment.map(|x| x / total)))
+}
+
+/// [`half_maximum_centre_m`] of an image `[element]` on a surface; the sign of the largest
+/// amplitude decides which sign counts. `None` for an image that is zero.
 ///
 /// # Errors
 /// [`InverseError::WrongLength`].
@@ -46,17 +96,8 @@ pub fn half_amplitude_centre_m(
     surface: &Surface,
 ) -> Result<Option<[f64; 3]>, InverseError> {
     let Some(peak) = peak(image, surface)? else { return Ok(None) };
-    let sign = image[peak].signum();
-    let threshold = 0.5 * image[peak].abs();
-    let mut moment = [0.0; 3];
-    let mut total = 0.0;
-    for ((x, area), c) in image.iter().zip(surface.areas_m2()).zip(surface.centroids()) {
-        if sign * x >= threshold {
-            (0..3).for_each(|k| moment[k] += area * c[k]);
-            total += area;
-        }
-    }
-    Ok(Some(moment.map(|x| x / total)))
+    let sign = if image[peak] > 0.0 { ChangeSign::Increase } else { ChangeSign::Decrease };
+    half_maximum_centre_m(image, surface.areas_m2(), &surface.centroids(), sign)
 }
 
 /// Centroid of the element of largest amplitude, metres; `None` for an image that is zero.
@@ -81,9 +122,10 @@ pub fn position_error_m(
     Ok(centre.map_or(f64::INFINITY, |c| distance_m(c, truth_m)))
 }
 
-/// Element of largest amplitude.
+/// Element of largest amplitude; values that are not finite do not count.
 fn peak(image: &[f64], surface: &Surface) -> Result<Option<usize>, InverseError> {
     check_length("image", image.len(), surface.triangles().len())?;
-    let largest = (0..image.len()).max_by(|&a, &b| image[a].abs().total_cmp(&image[b].abs()));
+    let finite = (0..image.len()).filter(|&e| image[e].is_finite());
+    let largest = finite.max_by(|&a, &b| image[a].abs().total_cmp(&image[b].abs()));
     Ok(largest.filter(|&e| image[e] != 0.0))
 }

@@ -109,13 +109,13 @@ fn small_lambda_fits_the_data_and_large_lambda_gives_no_image() {
     let mut last = 0.0;
     for hyperparameter in [1e-6, 1e-3, 0.1, 1.0, 1e3] {
         inverse.set_hyperparameter(hyperparameter).unwrap();
-        let residual = inverse.relative_residual(&frame, &reference).unwrap();
+        let residual = inverse.relative_residual(&frame, &reference).unwrap().unwrap();
         assert!(residual > last, "the residual grows with lambda");
         last = residual;
     }
     inverse.set_hyperparameter(1e-6).unwrap();
     // residual / data <= lambda^2 s / d_min; s / d_min is about 5 for a 20 x 60 random matrix
-    assert!(inverse.relative_residual(&frame, &reference).unwrap() < 1e-10);
+    assert!(inverse.relative_residual(&frame, &reference).unwrap().unwrap() < 1e-10);
     inverse.set_hyperparameter(1e6).unwrap();
     let image = inverse.reconstruct(&frame, &reference).unwrap();
     // |RM| <= |J| / (lambda^2 s) = about 14 / 6e13
@@ -140,9 +140,21 @@ fn relative_residual_is_that_of_the_image() {
         residual += ((dv - predicted[i]) / noise_std[i]).powi(2);
         norm += (dv / noise_std[i]).powi(2);
     }
-    let found = inverse.relative_residual(&frame, &reference).unwrap();
+    let found = inverse.relative_residual(&frame, &reference).unwrap().unwrap();
     assert!((found - (residual / norm).sqrt()).abs() < 1e-12);
-    assert_eq!(inverse.relative_residual(&reference, &reference).unwrap(), 0.0);
+    assert_eq!(inverse.relative_residual(&reference, &reference).unwrap(), None);
+    // data whose squares leave the range of doubles
+    for unit in [1e-300, 1e290] {
+        let frame: Vec<f64> = frame.iter().zip(&reference).map(|(v, r)| unit * (v - r)).collect();
+        let scaled = inverse.relative_residual(&frame, &[0.0; 12]).unwrap().unwrap();
+        assert!((scaled - found).abs() < 1e-12, "{unit:e}: {scaled} for {found}");
+    }
+    let mut far = [reference.clone(), reference.clone()];
+    (far[0][5], far[1][5]) = (1e308, -1e308);
+    assert!(matches!(
+        inverse.relative_residual(&far[0], &far[1]),
+        Err(InverseError::NonFiniteData { measurement: 5, .. })
+    ));
 }
 
 #[test]
@@ -175,12 +187,14 @@ fn every_prior_finds_a_target_and_rank_is_that_of_reciprocity() {
         assert!(error_m < 0.01, "{}: {error_m} m off", prior.name());
         let correlation =
             metrics::correlation_coefficient(&image, &truth, coarse.areas_m2()).unwrap();
-        assert!(correlation > 0.5, "{}: correlation {correlation}", prior.name());
+        // measured 0.65 (Laplace) to 0.78 (NOSER): touches are smeared to what 16 electrodes resolve
+        assert!(correlation > 0.6, "{}: correlation {correlation}", prior.name());
         // the smallest lambdas divide by nothing at the rounding floor: consistent data is
         // explained
         let tiny = Difference::new(&jacobian, prior, settings(1e-9)).unwrap();
-        let residual = tiny.relative_residual(&frame, &reference).unwrap();
-        assert!(residual < 1e-2, "{}: residual {residual:e}", prior.name());
+        let residual = tiny.relative_residual(&frame, &reference).unwrap().unwrap();
+        // the smooth priors cut the spectrum at its noise floor: measured 3e-6
+        assert!(residual < 1e-5, "{}: residual {residual:e}", prior.name());
     }
 }
 
@@ -272,6 +286,10 @@ fn one_frame_many_frames_raster_and_matrix_agree() {
         let dv = &frame - &Array1::from(reference.clone());
         let frame = frame.to_vec();
         inverse.reconstruct_into(&frame, &reference, &mut workspace, &mut image).unwrap();
+        let mut linear = vec![f64::NAN; image.len()];
+        let map = inverse.reconstructor();
+        map.reconstruct_difference_into(&dv.to_vec(), &mut workspace, &mut linear).unwrap();
+        assert_eq!(linear, image, "the same products of the same numbers");
         let expected = matrix.dot(&dv);
         // products of the same factors in another order
         assert!(relative_difference(&image, &expected) < 1e-12);
@@ -282,9 +300,49 @@ fn one_frame_many_frames_raster_and_matrix_agree() {
             relative_difference(&pixels.reconstruct(&frame, &reference).unwrap(), &shown) < 1e-12
         );
     }
+    let map = inverse.reconstructor();
+    let mut dv = map.difference(&frames.row(0).to_vec(), &reference).unwrap().to_vec();
+    let wrong = map.reconstruct_difference_into(&dv[1..], &mut workspace, &mut image);
+    assert!(matches!(wrong, Err(InverseError::WrongLength { what: "difference", .. })));
+    dv[7] = f64::NAN;
+    let wrong = map.reconstruct_difference_into(&dv, &mut workspace, &mut image);
+    assert!(matches!(wrong, Err(InverseError::NonFiniteData { frame: 0, measurement: 7, .. })));
     let empty = Array2::zeros((0, frames.ncols()));
     let none = inverse.reconstruct_frames(empty.view(), &reference).unwrap();
     assert_eq!(none.dim(), (0, images.ncols()));
+}
+
+#[test]
+fn normalised_data_with_the_noise_of_its_model_voltages_is_plain_data() {
+    let surface = disc(0.1, 6);
+    let jacobian = jacobian(&surface, 0.1, 8);
+    let prior = Noser::default();
+    let mut random = Random(7);
+    let count = jacobian.nrows();
+    let mut draw = |low: f64| (0..count).map(|_| low + random.uniform()).collect::<Vec<f64>>();
+    let (noise_std_v, mut model_voltages_v, dv) = (draw(0.5), draw(0.2), draw(-0.5));
+    model_voltages_v[3] = -model_voltages_v[3];
+    let frame: Vec<f64> = model_voltages_v.iter().zip(&dv).map(|(v, d)| v + d).collect();
+    let reference = model_voltages_v.clone();
+    let normalised = DifferenceData::Normalised { model_voltages_v };
+    let [plain, normalised] = [DifferenceData::Plain, normalised].map(|data| {
+        let noise_std = Some(data.noise_std(&noise_std_v).unwrap());
+        let settings = DifferenceSettings { noise_std, data, ..settings(0.05) };
+        Difference::new(&jacobian, &prior, settings).unwrap()
+    });
+    // dv / v0, J / v0 and e / |v0|: the v0 cancel, all but their largest ratio in the units
+    let [a, b] = [&plain, &normalised].map(|i| i.reconstruct(&frame, &reference).unwrap());
+    // lambda^2 s is 2.5e-3 of the mean eigenvalue; 1e-16 over it, with a margin
+    assert!(relative_difference(&a, &b) < 1e-12);
+    let absolute = |i: &Difference| i.report().scale / i.report().noise_scale.unwrap().powi(2);
+    assert!((absolute(&normalised) / absolute(&plain) - 1.0).abs() < 1e-13);
+    let largest = noise_std_v.iter().copied().fold(0.0, f64::max);
+    assert_eq!(plain.report().noise_scale, Some(largest));
+    let without = Difference::new(&jacobian, &prior, settings(0.05)).unwrap();
+    assert_eq!(without.report().noise_scale, None);
+    let data = DifferenceData::Normalised { model_voltages_v: vec![1.0; 3] };
+    let (what, found, wanted) = ("noise_std_v", 2, 3);
+    assert_eq!(data.noise_std(&[1.0; 2]), Err(InverseError::WrongLength { what, found, wanted }));
 }
 
 #[test]
@@ -476,7 +534,7 @@ proptest! {
         let frame: Vec<f64> = (0..m).map(|_| random.normal()).collect();
         let image = inverse.reconstruct(&frame, &vec![0.0; m]).unwrap();
         prop_assert!(image.iter().all(|x| x.is_finite()));
-        let residual = inverse.relative_residual(&frame, &vec![0.0; m]).unwrap();
+        let residual = inverse.relative_residual(&frame, &vec![0.0; m]).unwrap().unwrap();
         prop_assert!((0.0..=1.0 + 1e-12).contains(&residual));
     }
 }

@@ -5,6 +5,25 @@
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod difference;
 
+/// The README's table is what the example finds, to one unit of its last digits.
+#[test]
+fn readme_table_of_the_example() {
+    let outcomes = difference::run().unwrap();
+    let readme = include_str!("../README.md");
+    for name in ["Tikhonov", "NOSER", "Laplace", "Gaussian"] {
+        let row = readme.lines().find(|l| l.starts_with(&format!("| {name} |"))).unwrap();
+        let figures: Vec<f64> = row.split('|').filter_map(|c| c.trim().parse().ok()).collect();
+        let same = |o: &&difference::Outcome| o.prior == name.to_lowercase() && o.rule == "GCV";
+        let found = outcomes.iter().find(same).unwrap();
+        let measured = [found.hyperparameter, 1e3 * found.position_error_m, found.correlation];
+        println!("| {name} | {:.4} | {:.1} | {:.2} |", measured[0], measured[1], measured[2]);
+        assert_eq!(figures.len(), 3, "{row}");
+        for ((figure, measured), unit) in figures.iter().zip(measured).zip([1e-4, 0.1, 0.01]) {
+            assert!((figure - measured).abs() < unit, "{row}: {measured}");
+        }
+    }
+}
+
 /// Every prior and rule finds the finger: within a tenth of the radius (what 16 electrodes resolve
 /// at half the radius), with a positive correlation of image and truth.
 #[test]

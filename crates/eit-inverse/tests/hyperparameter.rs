@@ -62,7 +62,8 @@ fn noise_figure_is_reached_and_agrees_with_monte_carlo() {
         let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
         let chosen = inverse.choose_hyperparameter(&choice).unwrap();
         assert_eq!(chosen.status, HyperparameterStatus::NoiseFigureReached);
-        assert!((chosen.criterion / figure - 1.0).abs() < 0.01, "{}", chosen.criterion);
+        // the documented accuracy; measured 5e-4
+        assert!((chosen.criterion / figure - 1.0).abs() < 1e-3, "{}", chosen.criterion);
         // noise of the given standard deviations through the reconstruction itself
         let reference = vec![0.0; 208];
         let image = inverse.reconstruct(&target.signal_v, &reference).unwrap();
@@ -104,6 +105,9 @@ fn noise_figure_falls_with_lambda_and_says_when_it_cannot_be_had() {
         .map(|p| p.criterion)
         .collect();
     assert!(branch.len() > 20 && branch.is_sorted_by(|a, b| a > b), "{branch:?}");
+    // the documented least value, "about 0.5"
+    let least = chosen.curve.iter().map(|p| p.criterion).fold(f64::INFINITY, f64::min);
+    assert!((0.45..0.55).contains(&least), "{least}");
     // on it, a figure that also occurs beyond the least value is found at the smaller lambda
     let figure = chosen.curve.last().unwrap().criterion;
     let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
@@ -144,9 +148,10 @@ fn cross_validation_finds_the_lambda_of_least_prediction_error() {
             .unwrap();
         let ratio = chosen.hyperparameter / best;
         let loss = prediction_error(chosen.hyperparameter) / prediction_error(best);
-        // the minimum is flat: a factor 2 in lambda costs a few percent of prediction error
-        assert!((0.5..2.0).contains(&ratio), "noise {relative_noise}: ratio {ratio}");
-        assert!(loss < 1.1, "noise {relative_noise}: loss {loss}");
+        // measured 0.90 to 1.16 with losses below 1e-3: the minimum is flat. Both minima are those
+        // of 2080 noisy values, and the best is only sought at eight points per decade (1.33)
+        assert!((0.85..1.2).contains(&ratio), "noise {relative_noise}: ratio {ratio}");
+        assert!(loss < 1.002, "noise {relative_noise}: loss {loss}");
     }
 }
 
@@ -176,6 +181,36 @@ fn cross_validation_of_noise_free_data_ends_at_the_lower_edge() {
         inverse.choose_hyperparameter(&choice),
         Err(InverseError::NoDifference { rule: "L-curve" })
     ));
+}
+
+#[test]
+fn residual_norm_counts_standard_deviations_of_the_given_noise() {
+    let (surface, jacobian) = scene();
+    let prior = Tikhonov::new(&surface);
+    let mut random = Random(61);
+    // microvolts, to tell an absolute weight from a relative one
+    let noise_std: Vec<f64> = (0..208).map(|_| 1e-6 * (0.5 + random.uniform())).collect();
+    let frames = Array2::from_shape_fn((20, 208), |(_, i)| noise_std[i] * random.normal());
+    let reference = vec![0.0; 208];
+    let settings = DifferenceSettings { noise_std: Some(noise_std.clone()), ..Default::default() };
+    let mut inverse = Difference::new(&jacobian, &prior, settings).unwrap();
+    let choice =
+        HyperparameterChoice::LCurve { frames: frames.view(), reference_frame: &reference };
+    let curve = inverse.choose_hyperparameter(&choice).unwrap().curve;
+    let noise_scale = inverse.report().noise_scale.unwrap();
+    let (first, middle, last) = (curve[0], curve[curve.len() / 2], curve[curve.len() - 1]);
+    for point in [first, middle, last] {
+        inverse.set_hyperparameter(point.hyperparameter).unwrap();
+        let images = inverse.reconstruct_frames(frames.view(), &reference).unwrap();
+        let left = &frames - &images.dot(&jacobian.t());
+        let direct = (left / &Array1::from(noise_std.clone())).mapv(|x| x * x).sum();
+        let square = (point.residual_norm / noise_scale).powi(2);
+        // at the small end the residual is what reciprocity leaves over: it cancels a little
+        assert!((square / direct - 1.0).abs() < 1e-6, "{point:?}: {square} for {direct}");
+    }
+    // no image: 4160 squares of mean 1, relative standard deviation (2 / 4160)^1/2 = 2.2 %; three
+    let mean = (last.residual_norm / noise_scale).powi(2) / 4160.0;
+    assert!((mean - 1.0).abs() < 0.07, "{mean}");
 }
 
 /// Shaw's one-dimensional image restoration problem, discretised as in Hansen's Regularization
@@ -221,10 +256,11 @@ fn l_curve_corner_of_shaw_s_problem_is_near_the_best_lambda() {
             .min_by(|&a, &b| error(a).total_cmp(&error(b)))
             .unwrap();
         let (at_corner, at_best) = (error(chosen.hyperparameter), error(best));
-        // Hansen 2001, section 7: the corner lies within an order of magnitude of the optimum and
-        // its error within a small factor
-        assert!((0.05..20.0).contains(&(chosen.hyperparameter / best)), "std {std}");
-        assert!(at_corner < 4.0 * at_best, "std {std}: {at_corner} {at_best}");
+        // Hansen 2001, section 7: near the optimum, but not at it, and the farther the smaller the
+        // noise. Measured for noise 1e-2, 1e-3, 1e-4: 0.48, 1.5, 0.10 of the best lambda, with 1.8,
+        // 1.02, 2.4 times the least error
+        assert!((0.09..1.7).contains(&(chosen.hyperparameter / best)), "std {std}");
+        assert!(at_corner < 2.7 * at_best, "std {std}: {at_corner} {at_best}");
     }
 }
 
@@ -255,7 +291,7 @@ fn l_curve_curvature_is_that_of_the_curve() {
         let expected = (dx * ddy - ddx * dy) / (dx * dx + dy * dy).powf(1.5);
         // central differences of step 0.01 in log lambda: 1e-4 of the third derivatives
         let error = (at.criterion - expected).abs();
-        assert!(error < 1e-3 * largest, "{at:?}: {expected}");
+        assert!(error < 2e-4 * largest, "{at:?}: {expected}");
         compared += 1;
         assert!((at.residual_norm.ln() - here[0]).abs() < 1e-8);
         assert!((at.solution_norm.ln() - here[1]).abs() < 1e-8);

@@ -5,6 +5,7 @@
 mod common;
 
 use common::{disc, target};
+use eit_inverse::metrics::ChangeSign::{Decrease, Increase};
 use eit_inverse::{InverseError, metrics};
 use proptest::prelude::*;
 
@@ -45,6 +46,51 @@ fn positions_of_known_images() {
     let wrong = metrics::position_error_m(&zero[1..], &surface, place).unwrap_err();
     let (what, found, wanted) = ("image", zero.len() - 1, zero.len());
     assert_eq!(wrong, InverseError::WrongLength { what, found, wanted });
+}
+
+#[test]
+fn half_maximum_centre_is_weighted_by_value_and_area() {
+    let positions = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [5.0, 5.0], [9.0, 9.0]];
+    let areas = [1.0, 2.0, 4.0, 1.0, 1.0];
+    let values = [4.0, 2.0, 1.9, -3.0, f64::NAN];
+    let centre = |values: &[f64], sign| {
+        metrics::half_maximum_centre_m(values, &areas, &positions, sign).unwrap()
+    };
+    // half of 4 counts, 1.9 does not: (4 * 1 * (0, 0) + 2 * 2 * (1, 0)) / 8
+    assert_eq!(centre(&values, Increase), Some([0.5, 0.0]));
+    assert_eq!(centre(&values, Decrease), Some([5.0, 5.0]));
+    assert_eq!(centre(&[1.0, 2.0, 0.0, 0.0, f64::INFINITY], Decrease), None);
+    assert_eq!(centre(&[f64::NAN, 0.0, -0.0, -1.0, f64::INFINITY], Increase), None);
+    // sizes whose products with areas leave the range of doubles
+    for unit in [1e-320, 1e308] {
+        let values = [unit, unit, 0.0, -unit, f64::NAN];
+        assert_eq!(centre(&values, Increase), Some([2.0 / 3.0, 0.0]), "{unit:e}");
+    }
+    for (areas, positions) in [(&areas[1..], &positions[..]), (&areas[..], &positions[1..])] {
+        let wrong = metrics::half_maximum_centre_m(&values, areas, positions, Increase);
+        assert!(matches!(wrong, Err(InverseError::WrongLength { found: 4, wanted: 5, .. })));
+    }
+}
+
+/// The same touch on elements and on pixels is in the same place.
+#[test]
+fn elements_and_pixels_share_one_definition() {
+    let surface = disc(0.1, 24);
+    let raster = eit_mesh::Raster::new(&surface, 48).unwrap();
+    let hill = |c: [f64; 3]| (-((c[0] - 0.03).powi(2) + (c[1] + 0.02).powi(2)) / 0.0008).exp();
+    let image: Vec<f64> = surface.centroids().into_iter().map(hill).collect();
+    let mut pixels = vec![0.0; raster.masked_pixels().len()];
+    raster.pixel_from_element().apply(&image, &mut pixels).unwrap();
+    let positions: Vec<[f64; 2]> =
+        raster.masked_pixels().iter().map(|&[r, c]| raster.centre_m(r, c)).collect();
+    let areas = raster.covered_areas_m2();
+    let shown = metrics::half_maximum_centre_m(&pixels, areas, &positions, Increase).unwrap();
+    let own = metrics::half_amplitude_centre_m(&image, &surface).unwrap();
+    for ([x, y], who) in [(shown.unwrap(), "pixels"), (own.map(|[x, y, _]| [x, y]).unwrap(), "own")]
+    {
+        // a staircase of 0.004 m on a rim of 0.024 m radius
+        assert!((x - 0.03).hypot(y + 0.02) < 2e-4, "{who}: {x} {y}");
+    }
 }
 
 proptest! {

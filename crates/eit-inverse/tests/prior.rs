@@ -130,7 +130,7 @@ fn laplace_energy_converges_to_the_dirichlet_energy() {
         let rate = (pair[0] / pair[1]).log2();
         assert!((rate - 1.0).abs() < 0.1, "errors {errors:?}, rate {rate}");
     }
-    assert!(errors[2] < 0.02, "{errors:?}");
+    assert!(errors[2] < 0.01, "{errors:?}");
 }
 
 #[test]
@@ -144,8 +144,8 @@ fn laplace_is_the_same_on_a_rolled_skin() {
     let u = |x: f64, y: f64| (2.0 * x + y).sin();
     let on_flat = energy(&flat, |x| u(x[0], x[1]));
     let on_rolled = energy(&rolled, |x| u(x[0].atan2(x[2] + 1.0), x[1]));
-    // chords of h = 1 / 48 against arcs: h^2 / 24 = 2e-5 relative, with a margin for the centroids
-    assert!((on_rolled / on_flat - 1.0).abs() < 1e-3, "{on_rolled} {on_flat}");
+    // chords of h = 1 / 48 against arcs: h^2 / 24 = 2e-5 relative (measured: 2.3e-5), twice that
+    assert!((on_rolled / on_flat - 1.0).abs() < 4e-5, "{on_rolled} {on_flat}");
 }
 
 #[test]
@@ -157,7 +157,9 @@ fn laplace_on_right_angled_triangles_is_off_by_the_documented_part() {
         energy(&surface, |x| x[0] - x[1]) / 2.0,
     ];
     let [low, high] = ratios.iter().fold([f64::MAX, 0.0_f64], |[l, h], &r| [l.min(r), h.max(r)]);
-    assert!(low > 0.78 && high < 1.36 && high > 1.3, "{ratios:?}");
+    // 18 % below and 34 % above; half an element of the rim (1 %) is missing from the sum
+    let documented = (0.80..0.83).contains(&low) && (1.31..1.35).contains(&high);
+    assert!(documented, "{ratios:?}");
 }
 
 #[test]
@@ -186,8 +188,9 @@ fn gaussian_covariance_is_as_stated() {
         }
         // inside: lumping of elements into cells (elements of 0.008 m are larger than a cell at
         // l = 0.01); at the rim the kernel's other half is missing
-        let inside = if length_m < 0.015 { 0.1 } else { 0.03 };
-        assert!(worst[0] < inside && worst[1] < 0.2, "{length_m}: {worst:?}");
+        // (measured: 0.016, 0.007, 0.002 inside; 0.07, 0.11, 0.13 at the rim)
+        let inside = if length_m < 0.015 { 0.02 } else { 0.01 };
+        assert!(worst[0] < inside && worst[1] < 0.15, "{length_m}: {worst:?}");
     }
 }
 
@@ -199,7 +202,9 @@ fn gaussian_of_a_tiny_length_is_white_and_its_size_is_bounded() {
     assert!(relative_difference(&matrix, &Array2::eye(n)) < 1e-12);
     let fine = gaussian(&disc(0.1, 30), 0.02);
     // pi 4^2 w^2 / (w / 2)^2 = 201 sources in reach, and the cells that the rim of the disc cuts
-    assert!(fine.kernel_entries() < 230 * 5400, "{}", fine.kernel_entries());
+    // (measured: 158 per element, fewer at the rim)
+    let per_element = fine.kernel_entries() as f64 / 5400.0;
+    assert!((140.0..210.0).contains(&per_element), "{per_element}");
     for length_m in [0.0, -1.0, f64::NAN, 1e-12] {
         let settings = GaussianSettings { length_m: Some(length_m) };
         let error = Gaussian::new(&surface, &settings).unwrap_err();
@@ -257,7 +262,8 @@ fn images_do_not_depend_on_the_mesh() {
             size += y * y;
         }
         let error = (difference / size).sqrt();
-        // the elements' own size: 0.008 m against 0.0056 m shift and smear a pixel of 0.008 m
-        assert!(error < 0.04, "{}: {error}", prior_a.name());
+        // the elements' own size: 0.008 m against 0.0056 m shift and smear a pixel of 0.008 m;
+        // measured 1.6 % (Laplace) to 2.2 % (NOSER)
+        assert!(error < 0.025, "{}: {error}", prior_a.name());
     }
 }

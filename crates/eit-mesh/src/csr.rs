@@ -114,6 +114,25 @@ impl CsrMatrix {
         Ok(product)
     }
 
+    /// `B A` for a dense `B` [k, row]: [k, column]. Turns, for example, a Jacobian
+    /// [measurement, element] into one [measurement, masked pixel], through `element_from_pixel`.
+    ///
+    /// # Errors
+    /// [`MeshError::WrongLength`].
+    pub fn premultiply_dense(&self, b: ArrayView2<'_, f64>) -> Result<Array2<f64>, MeshError> {
+        self.check("rows of the sparse matrix", b.ncols(), self.rows())?;
+        let mut product = Array2::zeros((b.nrows(), self.columns));
+        for (left, mut sums) in b.rows().into_iter().zip(product.rows_mut()) {
+            for (row, &factor) in left.iter().enumerate() {
+                let (columns, weights) = self.row(row);
+                for (&c, w) in columns.iter().zip(weights) {
+                    sums[c as usize] += factor * w;
+                }
+            }
+        }
+        Ok(product)
+    }
+
     fn check(&self, what: &'static str, found: usize, wanted: usize) -> Result<(), MeshError> {
         if found == wanted { Ok(()) } else { Err(MeshError::WrongLength { what, found, wanted }) }
     }

@@ -13,40 +13,6 @@ pub enum Electrode {
     Patch(Vec<u32>),
 }
 
-impl Electrode {
-    /// Length in metres (rim) or area in square metres (patch): the measure that contact
-    /// impedance is divided by.
-    pub fn measure(&self, surface: &Surface) -> f64 {
-        let node = |n: u32| surface.nodes()[n as usize];
-        match self {
-            Self::Rim(edges) => edges.iter().map(|e| norm(sub(node(e[1]), node(e[0])))).sum(),
-            Self::Patch(triangles) => {
-                triangles.iter().map(|&t| surface.areas_m2()[t as usize]).sum()
-            }
-        }
-    }
-
-    /// The electrode's mean position, weighted by length or area, metres.
-    pub fn centre_m(&self, surface: &Surface) -> [f64; 3] {
-        let mean = |points: &[[f64; 3]], k: usize| {
-            points.iter().map(|p| p[k]).sum::<f64>() / points.len() as f64
-        };
-        let parts: Vec<(f64, Vec<[f64; 3]>)> = match self {
-            Self::Rim(edges) => edges
-                .iter()
-                .map(|e| e.map(|n| surface.nodes()[n as usize]))
-                .map(|[a, b]| (norm(sub(b, a)), vec![a, b]))
-                .collect(),
-            Self::Patch(triangles) => triangles
-                .iter()
-                .map(|&t| (surface.areas_m2()[t as usize], surface.corners(t as usize).to_vec()))
-                .collect(),
-        };
-        let total: f64 = parts.iter().map(|p| p.0).sum();
-        std::array::from_fn(|k| parts.iter().map(|(w, c)| w * mean(c, k)).sum::<f64>() / total)
-    }
-}
-
 /// A skin: a surface and the electrodes on it, in the order of their numbers.
 ///
 /// Valid once built: every rim electrode lies on the rim, every patch on triangles, and no place
@@ -92,6 +58,41 @@ impl Mesh {
     /// The electrodes, electrode 1 first.
     pub fn electrodes(&self) -> &[Electrode] {
         &self.electrodes
+    }
+
+    /// Length in metres (rim) or area in square metres (patch) of an electrode (index from 0): the
+    /// measure that contact impedance is divided by. `None` for an electrode that does not exist.
+    pub fn electrode_measure(&self, electrode: usize) -> Option<f64> {
+        Some(self.parts(electrode)?.iter().map(|(measure, _)| measure).sum())
+    }
+
+    /// Mean position of an electrode (index from 0), weighted by length or area, metres. `None` for
+    /// an electrode that does not exist.
+    pub fn electrode_centre_m(&self, electrode: usize) -> Option<[f64; 3]> {
+        let parts = self.parts(electrode)?;
+        let total: f64 = parts.iter().map(|(measure, _)| measure).sum();
+        let moment =
+            |k: usize| parts.iter().map(|(measure, centre)| measure * centre[k]).sum::<f64>();
+        Some([moment(0) / total, moment(1) / total, moment(2) / total])
+    }
+
+    /// Length or area, and centre, of each edge or triangle of an electrode. Its indices were
+    /// checked by [`Mesh::new`].
+    fn parts(&self, electrode: usize) -> Option<Vec<(f64, [f64; 3])>> {
+        let surface = &self.surface;
+        let edge = |e: &[u32; 2]| {
+            let [a, b] = e.map(|n| surface.nodes()[n as usize]);
+            (norm(sub(b, a)), std::array::from_fn(|k| 0.5 * (a[k] + b[k])))
+        };
+        let triangle = |&t: &u32| {
+            let [a, b, c] = surface.corners(t as usize);
+            let centre = std::array::from_fn(|k| (a[k] + b[k] + c[k]) / 3.0);
+            (surface.areas_m2()[t as usize], centre)
+        };
+        Some(match self.electrodes.get(electrode)? {
+            Electrode::Rim(edges) => edges.iter().map(edge).collect(),
+            Electrode::Patch(triangles) => triangles.iter().map(triangle).collect(),
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! How well shaped a mesh is.
 
 use crate::surface::{norm, sub};
-use crate::{Electrode, Mesh};
+use crate::{Electrode, Mesh, Surface};
 use std::fmt;
 
 /// Shape figures of a mesh.
@@ -17,10 +17,9 @@ pub struct Quality {
     pub smallest_angle_deg: f64,
     /// Largest angle of any triangle, degrees.
     pub largest_angle_deg: f64,
-    /// Mean over the triangles of `q = 4 sqrt(3) A / (a^2 + b^2 + c^2)`, with area `A` and sides
-    /// `a`, `b`, `c`: 1 is equilateral, 0 flat (Bhatia and Lawrence 1990).
+    /// Mean [quality](Surface::triangle_quality) of the triangles.
     pub mean_quality: f64,
-    /// Smallest `q`.
+    /// Smallest quality of any triangle.
     pub smallest_quality: f64,
     /// Shortest edge, metres.
     pub shortest_edge_m: f64,
@@ -58,8 +57,7 @@ impl Quality {
                 report.shortest_edge_m = report.shortest_edge_m.min(sides[k]);
                 report.longest_edge_m = report.longest_edge_m.max(sides[k]);
             }
-            let squares: f64 = sides.iter().map(|s| s * s).sum();
-            let quality = 4.0 * 3f64.sqrt() * area_m2 / squares;
+            let quality = surface.triangle_quality(t);
             report.mean_quality += quality / report.triangles as f64;
             report.smallest_quality = report.smallest_quality.min(quality);
         }
@@ -70,6 +68,25 @@ impl Quality {
     pub fn edge_ratio(&self) -> f64 {
         self.longest_edge_m / self.shortest_edge_m
     }
+}
+
+impl Surface {
+    /// Shape of one triangle, `q = 4 sqrt(3) A / (a^2 + b^2 + c^2)` with area `A` and sides `a`,
+    /// `b`, `c`: 1 is equilateral, 0 flat. NaN for a triangle that does not exist.
+    ///
+    /// Source: Bhatia, Lawrence, *Two-dimensional finite element mesh generation based on
+    /// stripwise automatic triangulation*, *Comput. Struct.* 36 (1990), 309-319.
+    pub fn triangle_quality(&self, triangle: usize) -> f64 {
+        let Some(&area_m2) = self.areas_m2().get(triangle) else { return f64::NAN };
+        let [a, b, c] = self.corners(triangle);
+        let squares = [sub(c, b), sub(a, c), sub(b, a)].map(|s| s.iter().map(|x| x * x).sum());
+        shape_quality(area_m2, squares)
+    }
+}
+
+/// `4 sqrt(3) A / (a^2 + b^2 + c^2)` from an area and the squares of the sides.
+pub(crate) fn shape_quality(area: f64, squared_sides: [f64; 3]) -> f64 {
+    4.0 * 3f64.sqrt() * area / squared_sides.iter().sum::<f64>()
 }
 
 fn elements(electrode: &Electrode) -> usize {

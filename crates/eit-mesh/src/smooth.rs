@@ -5,6 +5,7 @@ mod flip;
 
 use crate::generate::interior::Triangulation;
 use crate::geometry::{cross, dot};
+use crate::quality::shape_quality;
 use crate::size_field::SizeField;
 use flip::{Neighbours, restore_delaunay};
 
@@ -119,14 +120,14 @@ fn area([a, b, c]: [[f64; 2]; 3]) -> f64 {
     0.5 * cross([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]])
 }
 
-/// `4 sqrt(3) A / (a^2 + b^2 + c^2)`, negative where turned over.
+/// [`shape_quality`], negative where turned over.
 fn quality(corners: [[f64; 2]; 3]) -> f64 {
     let [a, b, c] = corners;
-    let squares: f64 = [(a, b), (b, c), (c, a)]
-        .into_iter()
-        .map(|(p, q)| dot([q[0] - p[0], q[1] - p[1]], [q[0] - p[0], q[1] - p[1]]))
-        .sum();
-    4.0 * 3f64.sqrt() * area(corners) / squares
+    let squares = [(a, b), (b, c), (c, a)].map(|(p, q)| {
+        let side = [q[0] - p[0], q[1] - p[1]];
+        dot(side, side)
+    });
+    shape_quality(area(corners), squares)
 }
 
 /// Sine of the excess over 180 degrees of the sum of the angles at `c` and `d` on both sides of

@@ -288,6 +288,7 @@ fn wrong_lengths_are_refused() {
     wrong(matrix.apply_transpose(&pixels, &mut [0.0; 53]));
     wrong(matrix.apply_transpose(&pixels[1..], &mut [0.0; 54]));
     wrong(matrix.multiply_dense(Array2::zeros((53, 2)).view()).map(drop));
+    wrong(matrix.premultiply_dense(Array2::zeros((2, masked + 1)).view()).map(drop));
     wrong(raster.image_from_pixels(&pixels[1..]).map(drop));
     wrong(raster.image_from_pixels_into(&pixels, Array2::zeros((8, 9)).view_mut()));
     wrong(raster.image_from_pixels_into(&pixels, Array2::zeros((9, 8)).view_mut()));
@@ -312,6 +313,17 @@ fn products_agree() {
         for (a, b) in apply(matrix, &x).iter().zip(result) {
             assert!((a - b).abs() < 1e-15, "sums of a few products below 1");
         }
+    }
+    // B A = (A' B')', row by row, from a transposed (column-major) view too
+    let dense = Array2::from_shape_fn((matrix.rows(), 4), |(i, j)| ((3 * i + j) as f64).cos());
+    let product = matrix.premultiply_dense(dense.t()).unwrap();
+    assert_eq!(product.dim(), (4, matrix.columns()));
+    assert_eq!(product, matrix.premultiply_dense(dense.t().to_owned().view()).unwrap());
+    for (column, result) in dense.columns().into_iter().zip(product.rows()) {
+        let mut expected = vec![f64::NAN; matrix.columns()];
+        matrix.apply_transpose(&column.to_vec(), &mut expected).unwrap();
+        // the same sums in the same order
+        assert_eq!(result.to_vec(), expected);
     }
     // <A x, y> = <x, A' y>
     let x: Vec<f64> = (0..matrix.columns()).map(|i| (i as f64).cos()).collect();

@@ -14,7 +14,7 @@ use crate::picture::{FrameLabels, PictureSettings, draw_sheet};
 use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
 use crate::scene::Scene;
-use eit_inverse::metrics::correlation_coefficient;
+use eit_inverse::metrics::{ChangeSign, correlation_coefficient, half_maximum_centre_m};
 use ndarray::{Array1, Array2, Array3, Axis};
 use rand_distr::Distribution as _;
 use serde_json::{Value, json};
@@ -196,15 +196,19 @@ fn scores(
 ) -> Result<Value, CliError> {
     let mut errors = Vec::new();
     let mut correlations = Vec::new();
+    let areas = raster.covered_areas_m2();
+    let positions_m: Vec<[f64; 2]> =
+        raster.masked_pixels().iter().map(|&[i, j]| raster.centre_m(i, j)).collect();
     for (f, fingers) in touches.iter().enumerate() {
-        let image = images.index_axis(Axis(0), f);
         let pick = |array: &Array3<f64>| -> Vec<f64> {
             raster.masked_pixels().iter().map(|&[i, j]| array[[f, i, j]]).collect()
         };
-        let areas = raster.covered_areas_m2();
         correlations.push(correlation_coefficient(&pick(images), &pick(truth), areas)?);
         if let [finger] = fingers[..] {
-            let [x, y] = half_amplitude_centre(image, raster);
+            let found =
+                half_maximum_centre_m(&pick(images), areas, &positions_m, ChangeSign::Increase)?;
+            // an image without any increase is as wrong as can be
+            let [x, y] = found.unwrap_or([f64::INFINITY; 2]);
             errors.push((x - finger[0]).hypot(y - finger[1]));
         }
     }
@@ -215,24 +219,6 @@ fn scores(
         "one_finger_correlation": mean(&correlations[..FRAMES[0]]),
         "two_fingers_correlation": mean(&correlations[FRAMES[0]..]),
     }))
-}
-
-/// Centre of the pixels above half of the largest value, weighted by value, metres.
-fn half_amplitude_centre(
-    image: ndarray::ArrayView2<'_, f64>,
-    raster: &eit_mesh::Raster,
-) -> [f64; 2] {
-    let largest = image.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
-    let (mut sum, mut centre) = (0.0, [0.0; 2]);
-    for &[i, j] in raster.masked_pixels() {
-        let value = image[[i, j]];
-        if value > 0.5 * largest {
-            let [x, y] = raster.centre_m(i, j);
-            sum += value;
-            centre = [centre[0] + value * x, centre[1] + value * y];
-        }
-    }
-    centre.map(|c| c / sum)
 }
 
 /// Truth and image side by side for frames chosen evenly from both parts.

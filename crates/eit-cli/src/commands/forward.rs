@@ -1,10 +1,9 @@
 //! `eit forward`
 
-use super::{Answer, check_ending, conductivity, solve_json};
+use super::{Answer, check_ending, solve, solve_json, with_warning};
 use crate::cli::ForwardArgs;
 use crate::error::CliError;
 use crate::output::{OutFile, write_csv, write_npy};
-use crate::pipeline;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use ndarray::Axis;
@@ -16,16 +15,11 @@ pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
     let out = OutFile::new(&args.out)?;
     let mut progress = Progress::default();
-    let setup = pipeline::setup(&scene, args.mesh.as_deref(), None, &mut progress)?;
-    let sigma = conductivity(&scene, args.conductivity.as_deref(), setup.model.elements())?;
-    let (voltages, report) = progress.stage("forward", || {
-        let mut workspace = setup.model.workspace()?;
-        let mut solution = setup.model.solve(&sigma, &mut workspace)?;
-        Ok::<_, CliError>((solution.measurements(), solution.report()))
-    })?;
-    let warning = pipeline::certain(&report)?;
+    let files = (args.mesh.as_deref(), args.conductivity.as_deref());
+    let solved = solve(&scene, files, &mut progress, |solution| solution.measurements())?;
+    let (voltages, report) = (&solved.wanted, &solved.report);
     out.write(|writer| match format.as_str() {
-        "npy" => write_npy(&voltages, writer),
+        "npy" => write_npy(voltages, writer),
         _ => write_csv(voltages.view().insert_axis(Axis(0)), writer),
     })?;
     let largest = voltages.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
@@ -36,17 +30,15 @@ pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
         report.backward_error,
         args.out.display()
     );
-    let text = [Some(text), warning.clone().map(|w| format!("warning: {w}"))];
-    let text = text.into_iter().flatten().collect::<Vec<_>>().join("\n");
     let json = json!({
         "scene": scene.name,
         "out": args.out.display().to_string(),
         "measurements": voltages.len(),
-        "elements": setup.model.elements(),
+        "elements": solved.elements,
         "largest_v": largest,
-        "warning": warning,
-        "solve": solve_json(&report),
+        "warning": solved.warning,
+        "solve": solve_json(report),
         "stages": progress.times(),
     });
-    Ok(Answer { text, json })
+    Ok(Answer { text: with_warning(text, solved.warning.as_ref()), json })
 }

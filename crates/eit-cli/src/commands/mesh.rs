@@ -50,7 +50,7 @@ fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), CliErr
     let nodes_m: Vec<[f64; 2]> = surface.nodes().iter().map(|p| [p[0], p[1]]).collect();
     let triangles: Vec<[usize; 3]> =
         surface.triangles().iter().map(|t| t.map(|n| n as usize)).collect();
-    let quality: Vec<f64> = (0..triangles.len()).map(|t| triangle_quality(mesh, t)).collect();
+    let quality: Vec<f64> = (0..triangles.len()).map(|t| surface.triangle_quality(t)).collect();
     let drawing = MeshDrawing { nodes_m: &nodes_m, triangles: &triangles, values: Some(&quality) };
     let settings = PictureSettings {
         title: format!("{name}: mesh"),
@@ -62,12 +62,4 @@ fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), CliErr
     };
     let canvas = draw_mesh(&drawing, &draw::skin_of_mesh(mesh), &settings)?;
     Ok(canvas.write_png(writer)?)
-}
-
-/// `4 sqrt(3) A / (sum of squared edges)`: 1 for an equilateral triangle, 0 for a flat one.
-fn triangle_quality(mesh: &Mesh, triangle: usize) -> f64 {
-    let corners = mesh.surface().corners(triangle);
-    let square = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>();
-    let edges: f64 = (0..3).map(|k| square(corners[k], corners[(k + 1) % 3])).sum();
-    4.0 * 3.0_f64.sqrt() * mesh.surface().areas_m2()[triangle] / edges
 }

@@ -8,8 +8,10 @@ pub(crate) mod plan;
 pub(crate) mod reconstruct;
 
 use crate::error::CliError;
+use crate::pipeline;
+use crate::progress::Progress;
 use crate::scene::Scene;
-use eit_fem::SolveReport;
+use eit_fem::{Solution, SolveReport};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -31,6 +33,42 @@ fn solve_json(report: &SolveReport) -> Value {
         "expected_loss": report.expected_loss,
         "time_s": report.time_s,
     })
+}
+
+/// One solve of `eit forward` and `eit jacobian`.
+struct Solved<T> {
+    elements: usize,
+    wanted: T,
+    report: SolveReport,
+    warning: Option<String>,
+}
+
+/// Meshes and solves for one conductivity; `take` reads what the command wants.
+fn solve<T>(
+    scene: &Scene,
+    (mesh_file, conductivity_file): (Option<&Path>, Option<&Path>),
+    progress: &mut Progress,
+    take: impl FnOnce(&mut Solution<'_>) -> T,
+) -> Result<Solved<T>, CliError> {
+    let setup = pipeline::setup(scene, mesh_file, None, progress)?;
+    let elements = setup.model.elements();
+    let sigma = conductivity(scene, conductivity_file, elements)?;
+    progress.stage("solve", || {
+        let mut workspace = setup.model.workspace()?;
+        let mut solution = setup.model.solve(&sigma, &mut workspace)?;
+        let wanted = take(&mut solution);
+        let report = solution.report();
+        let warning = pipeline::certain(&report)?;
+        Ok(Solved { elements, wanted, report, warning })
+    })
+}
+
+/// The text of an answer with its warning, if there is one.
+fn with_warning(text: String, warning: Option<&String>) -> String {
+    match warning {
+        Some(warning) => format!("{text}\nwarning: {warning}"),
+        None => text,
+    }
 }
 
 /// The conductivity to solve for: a file's, checked for length, or the scene's background.

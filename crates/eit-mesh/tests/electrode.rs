@@ -1,0 +1,55 @@
+//! Electrodes and triangles of a mesh whose figures are known by hand.
+
+#![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
+
+use eit_mesh::{Electrode, Mesh, Quality, Surface};
+
+/// Two right-angled triangles on a rectangle of 3 m x 4 m that stands upright (x = 1, y across)
+/// and, above it, an equilateral one on the upper side.
+fn upright() -> Surface {
+    let nodes = vec![
+        [1.0, 0.0, 0.0],
+        [1.0, 3.0, 0.0],
+        [1.0, 3.0, 4.0],
+        [1.0, 0.0, 4.0],
+        [1.0, 1.5, 4.0 + 1.5 * 3f64.sqrt()],
+    ];
+    Surface::new(nodes, vec![[0, 1, 2], [0, 2, 3], [3, 2, 4]]).unwrap()
+}
+
+fn close(a: [f64; 3], b: [f64; 3]) -> bool {
+    // a few sums and products of numbers below 10
+    a.iter().zip(b).all(|(x, y)| (x - y).abs() < 1e-14)
+}
+
+#[test]
+fn measure_and_centre_of_rim_and_patch_electrodes() {
+    // the lower and the right side: an L of 3 m and 4 m; and the whole rectangle
+    let rim = Electrode::Rim(vec![[0, 1], [1, 2]]);
+    let patch = Electrode::Patch(vec![1, 0]);
+    let mesh = Mesh::new(upright(), vec![rim, patch]).unwrap();
+    assert_eq!(mesh.electrode_measure(0), Some(7.0));
+    assert_eq!(mesh.electrode_measure(1), Some(12.0));
+    // (3 * (1.5, 0) + 4 * (3, 2)) / 7
+    let centre = mesh.electrode_centre_m(0).unwrap();
+    assert!(close(centre, [1.0, 16.5 / 7.0, 8.0 / 7.0]), "{centre:?}");
+    let centre = mesh.electrode_centre_m(1).unwrap();
+    assert!(close(centre, [1.0, 1.5, 2.0]), "the middle of the rectangle: {centre:?}");
+    assert_eq!(mesh.electrode_measure(2), None);
+    assert_eq!(mesh.electrode_centre_m(usize::MAX), None);
+}
+
+#[test]
+fn quality_of_known_triangles() {
+    let surface = upright();
+    // A = 6, squares 9 + 16 + 25: 4 sqrt(3) 6 / 50
+    let right_angled = 24.0 * 3f64.sqrt() / 50.0;
+    for (triangle, wanted) in [(0, right_angled), (1, right_angled), (2, 1.0)] {
+        let found = surface.triangle_quality(triangle);
+        assert!((found - wanted).abs() < 1e-14, "triangle {triangle}: {found}");
+    }
+    assert!(surface.triangle_quality(3).is_nan());
+    let report = Quality::of(&Mesh::new(surface, vec![]).unwrap());
+    assert!((report.smallest_quality - right_angled).abs() < 1e-14);
+    assert!((report.mean_quality - (2.0 * right_angled + 1.0) / 3.0).abs() < 1e-14);
+}
