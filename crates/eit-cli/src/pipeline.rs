@@ -264,13 +264,10 @@ impl Imaging {
                 let bad: Vec<usize> =
                     (0..frames.used.len()).filter(|&i| !frames.good[[frame, i]]).collect();
                 let values = frames.values.row(frame).to_vec();
-                reconstructor.reconstruct_without_into(
-                    &values,
-                    &frames.reference,
-                    &bad,
-                    &mut workspace,
-                    &mut image,
-                )?;
+                let (reference, memory) = (&frames.reference, &mut workspace);
+                reconstructor
+                    .reconstruct_without_into(&values, reference, &bad, memory, &mut image)
+                    .map_err(|e| CliError::from(e).within(&format!("frame {frame}")))?;
                 pixels.row_mut(frame).assign(&ArrayView1::from(&image));
                 bar.inc(1);
             }

@@ -165,14 +165,15 @@ impl Reconstructor {
     /// image at the lambda times `sqrt(s / s')`, with its own scale `s'`. So a frame with a failed
     /// channel has the smoothness and the amplitude of its neighbours.
     ///
-    /// For `k` bad ones costs `k^2 r + k^3 / 3` flops beside the frame's own: for a handful it is
-    /// free, for one electrode of 16 a fraction of rebuilding. Memory for it (`k^2 + k r` values)
+    /// For `k` bad ones costs `k^2 r + k^3 / 3` flops beside the frame's own: nothing to speak of
+    /// for a handful, half a frame more for one electrode of 16. Memory for it (`k^2 + k r` values)
     /// is kept in the workspace: it allocates where a set is larger than any before.
     ///
     /// # Errors
     /// As [`reconstruct_into`](Self::reconstruct_into); [`InverseError::UnknownMeasurement`];
     /// [`InverseError::NothingUsed`]; [`InverseError::LeftOutDominates`] for a hyperparameter so
-    /// small (1e-5 and below for one electrode of 16) that rounding would show in the image.
+    /// small that an error above 1e-6 of the image is to be expected from rounding (1e-5 and below
+    /// for one electrode of 16; the worst let through of 20 000 random problems was off by 9e-6).
     pub fn reconstruct_without_into(
         &self,
         frame: &[f64],
