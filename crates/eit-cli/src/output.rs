@@ -85,6 +85,10 @@ impl OutFolder {
     /// made again: `own` are the names that the command may write.
     pub fn commit(self, own: &[&str]) -> Result<(), CliError> {
         let names = self.names();
+        for (name, temporary) in self.files {
+            let place = self.path.join(name);
+            temporary.persist(&place).map_err(|e| CliError::at(&place, e.error))?;
+        }
         for old in own.iter().filter(|name| !names.contains(name)) {
             let old = self.path.join(old);
             match std::fs::remove_file(&old) {
@@ -93,10 +97,6 @@ impl OutFolder {
                 }
                 _ => {}
             }
-        }
-        for (name, temporary) in self.files {
-            let place = self.path.join(name);
-            temporary.persist(&place).map_err(|e| CliError::at(&place, e.error))?;
         }
         Ok(())
     }

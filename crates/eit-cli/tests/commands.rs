@@ -144,3 +144,23 @@ fn frames_in_columns_need_their_key_and_nothing_else() {
     let [one, other] = [&out, &demo].map(|f| std::fs::read(f.join("images.npy")).unwrap());
     assert!(one == other);
 }
+
+/// A second run leaves nothing of the first beside its own results.
+#[test]
+fn results_of_an_earlier_run_do_not_stay() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = write_scene(folder.path(), SMALL);
+    let (one, out) = (folder.path().join("one.csv"), folder.path().join("out"));
+    succeed(&["forward", text(&scene), "--out", text(&one)]);
+    let line = std::fs::read_to_string(&one).unwrap();
+    let two = folder.path().join("two.csv");
+    std::fs::write(&two, line.repeat(2)).unwrap();
+    let run = |frames| {
+        let arguments = ["--frames", text(frames), "--reference", "0", "--out", text(&out)];
+        succeed(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
+        out.join("movie.gif").exists()
+    };
+    assert!(run(&two), "a sequence has a movie");
+    assert!(!run(&one), "a single frame has none");
+    assert!(out.join("report.json").exists());
+}

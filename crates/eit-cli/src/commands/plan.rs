@@ -25,7 +25,7 @@ const READ_BYTES_PER_S: f64 = 1.5e10;
 /// Meshing, seconds a node.
 const NODE_S: f64 = 1e-5;
 
-/// The mesh-free series costs `electrodes^2` sums of Bessel products: 0.2 s for 16, 1 s for 32.
+/// The mesh-free series costs `electrodes^2` sums of Bessel products: 0.1 s for 16, 0.5 s for 32.
 const MOST_SERIES_ELECTRODES: usize = 32;
 
 /// One stage of the plan.
