@@ -161,4 +161,41 @@ pub enum InverseError {
         /// The rule.
         rule: &'static str,
     },
+    /// The prior changes with the Jacobian, where an iterated reconstruction needs one that stays.
+    #[error(
+        "prior {prior} depends on the Jacobian, which changes from step to step: use Tikhonov, \
+         Laplace or Gaussian"
+    )]
+    PriorNotFixed {
+        /// The prior's name.
+        prior: &'static str,
+    },
+    /// One element's conductivity is out of its range.
+    #[error("{quantity} of element {element} is {value} S: it must be {must}")]
+    ElementOutOfRange {
+        /// The quantity.
+        quantity: &'static str,
+        /// Element index.
+        element: usize,
+        /// The value given, siemens.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// The forward model refused.
+    #[error("forward model: {0}")]
+    Forward(#[from] eit_fem::FemError),
+    /// A data constraint that no image can fulfil.
+    #[error(
+        "frame {frame}: delta is {delta:e}, but no image comes nearer to the data than {least:e} \
+         (what reciprocal and duplicate measurements disagree by): use a larger delta"
+    )]
+    DeltaTooSmall {
+        /// Frame index.
+        frame: usize,
+        /// Radius of the frame.
+        delta: f64,
+        /// Least residual norm of any image.
+        least: f64,
+    },
 }

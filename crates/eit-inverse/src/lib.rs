@@ -1,20 +1,31 @@
 #![doc = include_str!("../README.md")]
 
+pub mod baseline;
 mod data;
 mod error;
 mod gauss_newton;
+mod gradient;
 mod hyperparameter;
 mod left_out;
 pub mod metrics;
+mod movie;
 pub mod prior;
 mod reconstructor;
 mod spectrum;
+mod st_tv;
 
 pub use data::{DifferenceData, DifferenceSettings};
 pub use error::InverseError;
 pub use gauss_newton::{Difference, Report};
+pub use gradient::Gradient;
 pub use hyperparameter::{
     Chosen, CurvePoint, HyperparameterChoice, HyperparameterStatus, NoiseTarget,
 };
+pub use movie::{Certificate, Differences, Movie, MovieMethod, MovieReport, MovieStatus};
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
 pub use reconstructor::{Reconstructor, Workspace};
+pub use st_tv::{
+    ChosenWeights, Fidelity, StTv, StTvSettings, StTvStream, Stop, StreamSettings, StreamStep,
+    WeightPoint, WeightStatus,
+    noise_std_of_quiet_frames,
+};

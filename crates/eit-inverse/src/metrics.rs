@@ -1,9 +1,56 @@
-//! Figures of merit of an image against the truth.
+//! Figures of merit of an image or a movie against the truth.
+//!
+//! | question | figure |
+//! |---|---|
+//! | how near is the image to the truth? | [`relative_error`], [`correlation_coefficient`], [`structural_similarity`] |
+//! | how well does it show one target? | [`greit_figures`], [`half_maximum_centre_m`], [`position_error_m`] |
+//! | does it find several touches? | [`touch_position_errors_m`] |
+//! | how steady is a movie, how much of it is artefact? | [`rms_second_difference_m`], [`artefact_energy`] |
+//!
+//! All but the similarity, which needs the pixels' order, work on elements and on pixels alike.
+
+mod cells;
+mod greit;
+mod similarity;
+mod touches;
+mod track;
+
+pub use cells::Cells;
+pub use greit::{GreitFigures, GreitTarget, greit_figures};
+pub use similarity::{structural_similarity, structural_similarity_map};
+pub use touches::{Blob, TouchErrors, TouchSettings, blobs, touch_position_errors_m};
+pub use track::{artefact_energy, rms_second_difference_m};
 
 use crate::InverseError;
 use crate::data::check_length;
 use crate::prior::distance_m;
 use eit_mesh::Surface;
+
+/// Relative error of an image, both `[element]` (or pixel), 0 for the truth and 1 for an empty
+/// image:
+///
+/// ```text
+/// RE = |x - t| / |t|,   |x|^2 = sum over elements of area x^2
+/// ```
+///
+/// Infinite where the truth is zero and the image is not; NaN where both are zero or a value is
+/// not finite.
+///
+/// # Errors
+/// [`InverseError::WrongLength`].
+pub fn relative_error(image: &[f64], truth: &[f64], areas_m2: &[f64]) -> Result<f64, InverseError> {
+    check_length("truth", truth.len(), image.len())?;
+    check_length("areas_m2", areas_m2.len(), image.len())?;
+    // relative to the largest value, so that no unit under- or overflows
+    let largest = image.iter().chain(truth).fold(0.0_f64, |m, x| m.max(x.abs()));
+    let (mut error, mut size) = (0.0, 0.0);
+    for ((x, t), area) in image.iter().zip(truth).zip(areas_m2) {
+        let (x, t) = (x / largest, t / largest);
+        error += area * (x - t).powi(2);
+        size += area * t.powi(2);
+    }
+    Ok((error / size).sqrt())
+}
 
 /// Area-weighted correlation coefficient of two images `[element]`, -1 to 1.
 ///
@@ -41,6 +88,25 @@ pub enum ChangeSign {
     Decrease,
 }
 
+impl ChangeSign {
+    /// 1 or -1.
+    fn factor(self) -> f64 {
+        match self {
+            Self::Increase => 1.0,
+            Self::Decrease => -1.0,
+        }
+    }
+}
+
+/// Values relative to the largest of one sign, and that one's amount: 1 at the largest, below zero
+/// where the sign is the other, zero where a value is not finite. `None` where no value has the
+/// sign.
+fn sizes(values: &[f64], sign: ChangeSign) -> Option<(Vec<f64>, f64)> {
+    let size = |x: &f64| if x.is_finite() { sign.factor() * x } else { 0.0 };
+    let largest = values.iter().map(size).fold(0.0, f64::max);
+    (largest > 0.0).then(|| (values.iter().map(|x| size(x) / largest).collect(), largest))
+}
+
 /// Centre of gravity of the part of an image that reaches half of its largest value of one sign,
 /// metres:
 ///
@@ -66,19 +132,11 @@ pub fn half_maximum_centre_m<const D: usize>(
 ) -> Result<Option<[f64; D]>, InverseError> {
     check_length("areas_m2", areas_m2.len(), values.len())?;
     check_length("positions_m", positions_m.len(), values.len())?;
-    let sign = match sign {
-        ChangeSign::Increase => 1.0,
-        ChangeSign::Decrease => -1.0,
-    };
-    let sizes = || values.iter().map(|x| if x.is_finite() { sign * x } else { 0.0 });
-    let largest = sizes().fold(0.0, f64::max);
-    if largest == 0.0 {
-        return Ok(None);
-    }
+    let Some((sizes, _)) = sizes(values, sign) else { return Ok(None) };
     let (mut moment, mut total) = ([0.0; D], 0.0);
-    for ((size, area), position) in sizes().zip(areas_m2).zip(positions_m) {
-        if size >= 0.5 * largest {
-            let weight = size / largest * area;
+    for ((size, area), position) in sizes.iter().zip(areas_m2).zip(positions_m) {
+        if *size >= 0.5 {
+            let weight = size * area;
             (0..D).for_each(|k| moment[k] += weight * position[k]);
             total += weight;
         }

@@ -1,0 +1,217 @@
+//! Iterated Gauss-Newton on the non-linear forward model.
+
+use super::absolute_settings::{AbsoluteFrameReport, AbsoluteSettings};
+use super::absolute_step::{Data, dot};
+use super::bounded::Bounded;
+use super::modes::{check_shapes, covariance_times, weighted_rows, whiten};
+use crate::data::{Channels, check_length, check_positive};
+use crate::{Differences, InverseError, Movie, MovieMethod, MovieReport, MovieStatus, Prior};
+use eit_fem::{ForwardModel, Workspace};
+use ndarray::{Array2, ArrayRef2};
+use std::time::Instant;
+
+/// How far two ways to the same row of `J P` may differ by rounding, relative to its largest entry.
+const SAME_ROW: f64 = 1e-6;
+
+/// Absolute reconstruction of every frame: the linearisation follows the image.
+///
+/// The voltages of a frame are taken as `F(sigma_ref) + dv`: what was measured as a difference is
+/// added to the model's own voltages at the reference conductivity, so that errors of the model that
+/// are common to both cancel in first order. With `sigma(x)` element by element,
+///
+/// ```text
+/// x = argmin  |F(sigma_ref) + dv - F(sigma(x))|_W^2 + lambda^2 s |x|_R^2
+/// x_k+1 = x_k + t (P J' (J P J' + lambda^2 s W^-1)^-1 (residual + J x_k) - x_k)
+/// image = sigma(x) - sigma_ref,      J = dF/dsigma dsigma/dx at x_k
+/// ```
+///
+/// Unknowns are elements; the movie is `[frame, element]`, siemens (per square). `lambda`, `s`, `W`
+/// and `P = R^-1` are those of [`Difference`](crate::Difference), whose image is the first step from
+/// the reference to first order in `dv`.
+///
+/// **Bounds.** `sigma(x)` maps all numbers into `lower..upper` by a logistic of the logarithm with
+/// slope 1 at the reference, so `lower <= sigma <= upper` holds exactly and no step leaves it. A
+/// projection with an active set would need `R`, to judge `|x|_R` after a clip, and a [`Prior`] gives
+/// `P` alone. With the map, `x` stays a combination of rows `P J'`, `R x` is the same combination of
+/// rows `J`, and objective, slope and step are exact without `R`.
+///
+/// **Steps** are halved until the objective falls by Armijo's rule. A frame starts from the result
+/// of the last frame that had data, or from the reference where that explains it better, so a failed
+/// start is not handed on. Masked channels of a frame are left out of `F` and `J`, at the same `lambda^2 s`; a
+/// frame without a good channel gets the image zero.
+///
+/// One step costs a forward solution and its Jacobian, the prior's `J P`, `m^2 n` flops for
+/// `J P J'`, `m^3 / 3` for its Cholesky factor; one halving a forward solution. The factor needs
+/// `lambda^2 s` above the rounding of `J P J'`: lambda above about 1e-6. The problem is not convex:
+/// there is no certificate, [`frame_reports`](Self::frame_reports) says how each frame went.
+///
+/// Source: Vauhkonen, Vadasz, Karjalainen, Somersalo, Kaipio, *IEEE Trans. Med. Imaging* 17 (1998),
+/// 285-293 (iterated Gauss-Newton with priors); the form in measurement space: Adler, Dai,
+/// Lionheart, *Physiol. Meas.* 28 (2007), S1-S11.
+pub struct AbsoluteGaussNewton<'a> {
+    pub(super) model: &'a ForwardModel,
+    pub(super) prior: &'a dyn Prior,
+    pub(super) workspace: Workspace,
+    pub(super) channels: Channels,
+    pub(super) map: Vec<Bounded>,
+    pub(super) reference_s: Vec<f64>,
+    /// `F(sigma_ref)`, volts, `[measurement]`.
+    pub(super) reference_v: Vec<f64>,
+    /// Voltages of the latest forward solution, `[measurement]`.
+    pub(super) voltages_v: Vec<f64>,
+    /// `dF/dsigma`, `[measurement, element]`.
+    pub(super) jacobian: Array2<f64>,
+    /// `mu = lambda^2 s`.
+    pub(super) noise_variance: f64,
+    pub(super) settings: AbsoluteSettings,
+    pub(super) reports: Vec<AbsoluteFrameReport>,
+}
+
+impl<'a> AbsoluteGaussNewton<'a> {
+    /// Set-up: the reference conductivity `[element]`, siemens (per square), its voltages and the
+    /// scale `s`.
+    ///
+    /// The prior must not depend on the Jacobian ([`Noser`](crate::Noser) does).
+    ///
+    /// # Errors
+    /// [`InverseError::Forward`]; settings out of range or of the wrong length; a reference on or
+    /// outside the bounds; [`InverseError::PriorNotFixed`]; a prior of another mesh.
+    pub fn new(
+        model: &'a ForwardModel,
+        reference_s: &[f64],
+        prior: &'a dyn Prior,
+        settings: AbsoluteSettings,
+    ) -> Result<Self, InverseError> {
+        check_positive("hyperparameter", settings.difference.hyperparameter)?;
+        let channels = Channels::new(model.protocol().measurements(), &settings.difference)?;
+        let mut workspace = model.workspace()?;
+        let mut solution = model.solve(reference_s, &mut workspace)?;
+        let (reference_v, jacobian) = (solution.measurements().to_vec(), solution.jacobian());
+        let bounds_s = settings.bounds_s(reference_s)?;
+        let map: Result<Vec<_>, _> = reference_s
+            .iter()
+            .enumerate()
+            .map(|(element, &s)| Bounded::new(element, s, bounds_s))
+            .collect();
+        let scale = scale(&jacobian, prior, &channels)?;
+        let noise_variance = settings.difference.hyperparameter.powi(2) * scale;
+        check_positive("square of the hyperparameter times s", noise_variance)?;
+        Ok(Self {
+            model,
+            prior,
+            workspace,
+            channels,
+            map: map?,
+            reference_s: reference_s.to_vec(),
+            voltages_v: reference_v.clone(),
+            reference_v,
+            jacobian,
+            noise_variance,
+            settings,
+            reports: Vec::new(),
+        })
+    }
+
+    /// How each frame of the latest movie went, `[frame]`.
+    pub fn frame_reports(&self) -> &[AbsoluteFrameReport] {
+        &self.reports
+    }
+
+    /// `W^1/2 dv` of a frame and its masked indices.
+    fn whiten(
+        &self,
+        frames: &Differences<'_>,
+        t: usize,
+    ) -> Result<(Vec<f64>, Vec<usize>), InverseError> {
+        let mut whitened = vec![0.0; self.channels.used.len()];
+        let mut masked = Vec::new();
+        let values = frames.values.row(t);
+        let good = |i: usize| frames.is_good(t, i);
+        whiten(&self.channels, t, |i| values[i], good, &mut whitened, &mut masked)?;
+        Ok((whitened, masked))
+    }
+}
+
+impl MovieMethod for AbsoluteGaussNewton<'_> {
+    fn name(&self) -> &'static str {
+        "gauss-newton-absolute"
+    }
+
+    /// `report.residual` is that of the model itself, `|W^1/2 (F(sigma) - F(sigma_ref) - dv)|`, and
+    /// `report.iterations` the sum over all frames; `report.status` the worst of any frame.
+    ///
+    /// # Errors
+    /// Besides those of the trait, what [`AbsoluteGaussNewton::new`] says of prior and model.
+    fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError> {
+        let start = Instant::now();
+        check_shapes(frames, self.channels.count)?;
+        self.reports.clear();
+        let count = frames.values.nrows();
+        let mut images = Array2::zeros((count, self.map.len()));
+        let mut residual = Vec::with_capacity(count);
+        let unit = self.channels.noise_scale.unwrap_or(1.0);
+        let mut before = None;
+        for (t, mut image) in images.rows_mut().into_iter().enumerate() {
+            let (whitened, masked) = self.whiten(frames, t)?;
+            let data = Data { whitened: &whitened, masked: &masked };
+            let (point, report) = self.frame(before.as_ref(), &data)?;
+            for ((value, s), reference) in
+                image.iter_mut().zip(self.conductivity(&point.x)).zip(&self.reference_s)
+            {
+                *value = s - reference;
+            }
+            residual.push(dot(&point.residual, &point.residual).sqrt() / unit);
+            self.reports.push(report);
+            if masked.len() < self.channels.used.len() {
+                before = Some(point);
+            }
+        }
+        let report = MovieReport {
+            method: self.name(),
+            status: worst(&self.reports),
+            iterations: self.reports.iter().map(|report| report.iterations).sum(),
+            seconds: start.elapsed().as_secs_f64(),
+            residual,
+            certificate: None,
+        };
+        Ok(Movie { images, report })
+    }
+}
+
+fn worst(reports: &[AbsoluteFrameReport]) -> MovieStatus {
+    let any = |status| reports.iter().any(|report| report.status == status);
+    [MovieStatus::Stalled, MovieStatus::IterationCap]
+        .into_iter()
+        .find(|&status| any(status))
+        .unwrap_or(MovieStatus::Converged)
+}
+
+/// `s = trace(W^1/2 J P J' W^1/2) / m`, from a prior that is the same for every Jacobian.
+fn scale(
+    jacobian: &ArrayRef2<f64>,
+    prior: &dyn Prior,
+    channels: &Channels,
+) -> Result<f64, InverseError> {
+    let elements = jacobian.ncols();
+    let weighted = weighted_rows(jacobian, channels)?;
+    let covariance = covariance_times(prior, &weighted, elements)?;
+    // one row beside another than before: a prior that looks at all rows gives it another image
+    let first = &weighted[..elements];
+    let beside: Vec<f64> = first.iter().chain(first.iter().rev()).copied().collect();
+    let again = covariance_times(prior, &beside, elements)?;
+    check_length("J P of the prior", again.len(), beside.len())?;
+    let largest = again[..elements].iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    let mut rows = covariance.iter().zip(&again[..elements]);
+    if rows.any(|(a, b)| (a - b).abs() > SAME_ROW * largest) {
+        return Err(InverseError::PriorNotFixed { prior: prior.name() });
+    }
+    let used = channels.used.len();
+    let scale = dot(&weighted, &covariance) / used as f64;
+    if !scale.is_finite() {
+        return Err(InverseError::BadCovariance { prior: prior.name(), pivot: 0 });
+    }
+    if scale < f64::MIN_POSITIVE {
+        return Err(InverseError::NoSensitivity { measurements: used });
+    }
+    Ok(scale)
+}

@@ -1,0 +1,186 @@
+//! Several touches in one image: blobs, and how far each true touch is from its blob.
+
+use super::cells::{Cells, check_place, distance_m};
+use super::{ChangeSign, sizes};
+use crate::InverseError;
+
+/// Most true touches of an image: the exact assignment keeps a table of `2^touches` entries for
+/// each blob (10 touches: 2 kB).
+const MOST_TOUCHES: usize = 10;
+
+/// A connected part of an image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Blob<const D: usize> {
+    /// Centre of gravity with the weights `|x| area`, metres.
+    pub centre_m: [f64; D],
+    /// Largest `|x|`, in the image's unit.
+    pub peak: f64,
+    /// Area, square metres.
+    pub area_m2: f64,
+}
+
+/// Connected parts where an image reaches `level` times its largest value of one sign, those with
+/// the largest peak first.
+///
+/// Cells are connected across sides ([`Cells`]). A single blob at level 1/2 has the centre of
+/// [`half_maximum_centre_m`](super::half_maximum_centre_m). Values that are not finite are no
+/// part of the image. Empty where no value has the sign. Takes time in proportion to the cells.
+///
+/// # Errors
+/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] unless `level` is above zero and
+/// at most 1.
+pub fn blobs<const D: usize>(
+    values: &[f64],
+    cells: &Cells<D>,
+    sign: ChangeSign,
+    level: f64,
+) -> Result<Vec<Blob<D>>, InverseError> {
+    cells.check("values", values)?;
+    if !(level > 0.0 && level <= 1.0) {
+        let (quantity, must) = ("level", "above zero and at most 1");
+        return Err(InverseError::OutOfRange { quantity, value: level, must });
+    }
+    let Some((x, largest)) = sizes(values, sign) else { return Ok(Vec::new()) };
+    let mut waiting: Vec<bool> = x.iter().map(|x| *x >= level).collect();
+    let mut blobs = Vec::new();
+    let mut members = Vec::new();
+    for start in 0..x.len() {
+        if !std::mem::take(&mut waiting[start]) {
+            continue;
+        }
+        members.clear();
+        members.push(start);
+        let mut seen = 0;
+        while let Some(&cell) = members.get(seen) {
+            seen += 1;
+            members.extend(cells.neighbours(cell).filter(|&n| std::mem::take(&mut waiting[n])));
+        }
+        let (centre_m, _) = cells.weighted_centre(members.iter().map(|&k| (k, x[k])));
+        let peak = largest * members.iter().map(|&k| x[k]).fold(0.0, f64::max);
+        let area_m2 = members.iter().map(|&k| cells.areas_m2()[k]).sum();
+        blobs.push(Blob { centre_m, peak, area_m2 });
+    }
+    blobs.sort_by(|a, b| b.peak.total_cmp(&a.peak));
+    Ok(blobs)
+}
+
+/// Settings of [`touch_position_errors_m`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TouchSettings {
+    /// Which changes are touches. Default: increase.
+    pub sign: ChangeSign,
+    /// Where a blob begins, relative to the image's largest value, above 0 to 1. Default 1/2. A
+    /// touch that shows weaker than this beside a stronger one is missed.
+    pub level: f64,
+    /// Farthest that a blob may be from the touch it stands for, metres; a blob beyond is an
+    /// extra one and the touch is missed. Default: infinite.
+    pub within_m: f64,
+}
+
+impl Default for TouchSettings {
+    fn default() -> Self {
+        Self { sign: ChangeSign::Increase, level: 0.5, within_m: f64::INFINITY }
+    }
+}
+
+/// What [`touch_position_errors_m`] finds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TouchErrors<const D: usize> {
+    /// Distance of each true touch to its blob, metres, `[touch]`; `None`: missed.
+    pub errors_m: Vec<Option<f64>>,
+    /// Centre of that blob, metres, `[touch]`.
+    pub centres_m: Vec<Option<[f64; D]>>,
+    /// True touches without a blob.
+    pub missed: usize,
+    /// Blobs without a true touch.
+    pub extra: usize,
+}
+
+/// How far the blobs of an image are from the true touches.
+///
+/// Blobs ([`blobs`]) and touches are paired one to one and at most
+/// [`within_m`](TouchSettings::within_m) apart: as many pairs as can be, and of all ways to make
+/// so many, one with the smallest sum of distances. Exact (dynamic programming over subsets of
+/// touches, `blobs x touches x 2^touches` steps), which is why touches are few. Of equal pairings
+/// the choice is arbitrary but always the same. Without true touches every blob is extra.
+///
+/// A figure of merit for known truth, not a tracker: it knows how many touches there are.
+///
+/// # Errors
+/// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for settings out of range, more
+/// than 10 touches, or places that are not finite.
+pub fn touch_position_errors_m<const D: usize>(
+    values: &[f64],
+    cells: &Cells<D>,
+    touches_m: &[[f64; D]],
+    settings: &TouchSettings,
+) -> Result<TouchErrors<D>, InverseError> {
+    if touches_m.len() > MOST_TOUCHES {
+        let (quantity, must) = ("number of touches", "at most 10");
+        return Err(InverseError::OutOfRange { quantity, value: touches_m.len() as f64, must });
+    }
+    touches_m.iter().try_for_each(|touch| check_place("touches_m", touch))?;
+    if settings.within_m.is_nan() || settings.within_m < 0.0 {
+        let (quantity, value) = ("within_m", settings.within_m);
+        return Err(InverseError::OutOfRange { quantity, value, must: "zero or above" });
+    }
+    let blobs = blobs(values, cells, settings.sign, settings.level)?;
+    let distances: Vec<Vec<f64>> = blobs
+        .iter()
+        .map(|blob| touches_m.iter().map(|&touch| distance_m(blob.centre_m, touch)).collect())
+        .collect();
+    let blob_of_touch = assign(&distances, touches_m.len(), settings.within_m);
+    let pairs = blob_of_touch.iter().enumerate();
+    let errors_m = pairs.map(|(touch, blob)| blob.map(|blob| distances[blob][touch])).collect();
+    let centres_m = blob_of_touch.iter().map(|blob| blob.map(|b| blobs[b].centre_m)).collect();
+    let found = blob_of_touch.iter().flatten().count();
+    let (missed, extra) = (touches_m.len() - found, blobs.len() - found);
+    Ok(TouchErrors { errors_m, centres_m, missed, extra })
+}
+
+/// Cost of a pairing: touches left over, then the sum of distances, metres.
+type Cost = (usize, f64);
+
+/// Blob of each touch by dynamic programming over sets of touches (one bit each):
+/// `best(b + 1, set) = min(best(b, set), min over t in set of best(b, set - t) + distance(b, t))`.
+/// `distances` is `[blob][touch]`.
+fn assign(distances: &[Vec<f64>], touches: usize, within_m: f64) -> Vec<Option<usize>> {
+    let sets = 1_usize << touches;
+    let cheaper = |a: Cost, b: Cost| a.0 < b.0 || (a.0 == b.0 && a.1 < b.1);
+    // of exactly this set paired: only the empty one can be before the first blob
+    let mut best: Vec<Option<Cost>> = vec![None; sets];
+    best[0] = Some((touches, 0.0));
+    let mut choices: Vec<Vec<Option<u8>>> = Vec::with_capacity(distances.len());
+    for row in distances {
+        let mut choice = vec![None; sets];
+        // downwards: a set without one of its touches still is what it was before this blob
+        for set in (0..sets).rev() {
+            for (touch, &distance) in (0_u8..).zip(row) {
+                let rest = set & !(1 << touch);
+                let Some((left, sum)) = best[rest].filter(|_| rest != set) else { continue };
+                let cost = (left - 1, sum + distance);
+                if distance <= within_m && best[set].is_none_or(|old| cheaper(cost, old)) {
+                    best[set] = Some(cost);
+                    choice[set] = Some(touch);
+                }
+            }
+        }
+        choices.push(choice);
+    }
+    let mut set = 0;
+    for candidate in 1..sets {
+        if let (Some(cost), Some(old)) = (best[candidate], best[set])
+            && cheaper(cost, old)
+        {
+            set = candidate;
+        }
+    }
+    let mut blob_of_touch = vec![None; touches];
+    for (blob, choice) in choices.iter().enumerate().rev() {
+        if let Some(touch) = choice[set] {
+            blob_of_touch[usize::from(touch)] = Some(blob);
+            set &= !(1 << touch);
+        }
+    }
+    blob_of_touch
+}

@@ -1,0 +1,34 @@
+//! Spatio-temporal total variation: certified, anytime, streaming.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `batch` | [`StTv`]: set-up, whole sequences |
+//! | `stream` | [`StTvStream`]: a sliding window |
+//! | `weights` | weights and quiet frames from the noise |
+//! | `settings` | what a caller states |
+//! | `task`, `run` | one sequence in inner units; the two runs that find image and proof |
+//! | `engine`, `fit`, `step` | one iteration: total variation; exact data step; step sizes |
+//! | `certificate` | primal value and lower bound of any iterate |
+//! | `data`, `operators`, `laplacian` | what is computed once: compressed data, packed operators, a sparse factor |
+//! | `kernel`, `scalar` | inner loops along the frames, in `f32` or `f64` |
+
+mod batch;
+mod certificate;
+mod data;
+mod engine;
+mod fit;
+mod kernel;
+mod laplacian;
+mod operators;
+mod run;
+mod scalar;
+mod settings;
+mod step;
+mod stream;
+mod task;
+mod weights;
+
+pub use batch::StTv;
+pub use settings::{Fidelity, StTvSettings, Stop};
+pub use stream::{StTvStream, StreamSettings, StreamStep};
+pub use weights::{ChosenWeights, WeightPoint, WeightStatus, noise_std_of_quiet_frames};

@@ -1,0 +1,629 @@
+//! Primal value and rigorous dual lower bound of an iterate, in `f64`.
+//!
+//! # The bound
+//! For any `y` (one vector a frame), `|q_g| <= lambda_space size_g`, `|q_t| <= lambda_time area` and
+//! `p` with `A' y + D' q + D_t' q_t + p = 0`, weak duality gives, for every image within bounds,
+//!
+//! ```text
+//! penalised:    objective >= sum_t -y.b - |y|^2 / 2 + rest^2 / 2  -  h(p)
+//! constrained:  objective >= sum_t -y.b - delta |y|               -  h(p)
+//! h(p) = sum lower p where p < 0, upper p where p > 0
+//! ```
+//!
+//! An iterate fulfils the balls but the equation only nearly: its error `e` is removed exactly by a
+//! flow `D z` with `D' D z = e` (the smallest one), after `y` and `q_t` have taken up what `e` sums
+//! to on each connected part of the skin. Where `q - D z` then leaves a ball, all of `(y, q, q_t,
+//! p)` are scaled down, which keeps the equation; the best scale is chosen in closed form. So the
+//! bound needs no property of the iteration, of its step sizes or of `f32`: it holds for whatever
+//! comes in, up to the rounding of this evaluation (about 1e-13 of the objective).
+
+use super::data::{Mode, Target};
+use super::engine::State;
+use super::kernel::{LANES, PANEL, add_scaled, panels_times};
+use super::laplacian::Laplacian;
+use super::operators::{BLOCK, Operators};
+use super::scalar::Scalar;
+use pulp::{Arch, Simd, WithSimd};
+
+/// Whether the data is in the objective or in the constraints.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Fidelity<'a> {
+    /// `sum_t |A x_t - b_t|^2 / 2` in the objective.
+    Penalised,
+    /// `|A x_t - b_t| <= delta_t`, `[frame]`; `rest` counts.
+    Constrained(&'a [f64]),
+}
+
+/// The problem as the evaluation sees it, in the solver's own units.
+#[derive(Clone, Copy)]
+pub(crate) struct Problem<'a> {
+    pub(crate) ops: &'a Operators<f64>,
+    pub(crate) laplacian: &'a Laplacian,
+    pub(crate) parts: &'a Parts,
+    pub(crate) modes: &'a [Mode],
+    /// `[frame]`.
+    pub(crate) mode_of: &'a [usize],
+    /// `[frame]`.
+    pub(crate) targets: &'a [Target],
+    pub(crate) fidelity: Fidelity<'a>,
+    pub(crate) lambda_space: f64,
+    pub(crate) lambda_time: f64,
+    pub(crate) bounds: Option<[f64; 2]>,
+}
+
+/// Connected parts of the skin.
+#[derive(Debug, Clone)]
+pub(crate) struct Parts {
+    /// `[unknown]`.
+    pub(crate) label: Vec<u32>,
+    /// Unknowns of each part.
+    pub(crate) sizes: Vec<f64>,
+    /// `V' 1` of each part, `[part][rank]`.
+    pub(crate) sensitivity: Vec<Vec<f64>>,
+}
+
+/// Memory of an evaluation.
+#[derive(Debug, Clone)]
+pub(crate) struct Evaluation {
+    stride: usize,
+    /// The candidate within bounds, `[unknown][stride]`.
+    pub(crate) image: Vec<f64>,
+    dual: Vec<f64>,
+    time_dual: Vec<f64>,
+    bound_dual: Vec<f64>,
+    error: Vec<f64>,
+    work: Vec<f64>,
+    coefficients: Vec<f64>,
+    /// Dual variable of the data in each frame's mode, `[frame][rank]`.
+    pub(crate) data_dual: Vec<f64>,
+    /// `|A x_t - b_t|` of each frame.
+    pub(crate) residual: Vec<f64>,
+    columns: [Vec<f64>; 2],
+    sums: Vec<f64>,
+    /// Is a frame linked to its next one, `[frame]`.
+    linked: Vec<bool>,
+}
+
+impl Evaluation {
+    pub(crate) fn new<T: Scalar>(ops: &Operators<f64>, state: &State<T>, parts: &Parts) -> Self {
+        let (stride, frames) = (state.stride, state.frames);
+        let values = ops.unknowns.next_multiple_of(BLOCK) * stride;
+        Self {
+            stride,
+            image: vec![0.0; values],
+            dual: vec![0.0; state.dual.len()],
+            time_dual: vec![0.0; if state.time_dual.is_empty() { 0 } else { values }],
+            bound_dual: vec![0.0; state.bound_dual.len()],
+            error: vec![0.0; values],
+            work: vec![0.0; values],
+            coefficients: vec![0.0; ops.padded_rank * stride],
+            data_dual: vec![0.0; frames * ops.rank],
+            residual: vec![0.0; frames],
+            columns: std::array::from_fn(|_| vec![0.0; ops.rank]),
+            sums: vec![0.0; frames * parts.sizes.len()],
+            linked: vec![false; frames],
+        }
+    }
+
+    /// Objective of the state's candidate within bounds; infinite where it violates the data
+    /// constraint.
+    pub(crate) fn primal<T: Scalar>(&mut self, arch: Arch, problem: &Problem<'_>, state: &State<T>) -> f64 {
+        self.take_links(state);
+        for (x, c) in self.image.iter_mut().zip(&state.candidate) {
+            *x = c.to_f64();
+        }
+        if let Some([lower, upper]) = problem.bounds {
+            self.image.iter_mut().for_each(|x| *x = x.clamp(lower, upper));
+        }
+        let ops = problem.ops;
+        let stride = self.stride;
+        let coefficients = &mut self.coefficients;
+        arch.dispatch(Analyse { ops, x: &self.image, stride, coefficients });
+        let mut sum = 0.0;
+        for frame in 0..state.frames {
+            let (mode, target) =
+                (&problem.modes[problem.mode_of[frame]], &problem.targets[frame]);
+            let [column, rotated] = &mut self.columns;
+            gather(coefficients, stride, frame, column);
+            mode.rotate(column, rotated);
+            let square: f64 = rotated
+                .iter()
+                .zip(&mode.singular)
+                .zip(&target.values)
+                .map(|((u, s), b)| (s * u - b).powi(2))
+                .sum();
+            let square = square + target.rest_squared;
+            self.residual[frame] = square.sqrt();
+            match problem.fidelity {
+                Fidelity::Penalised => sum += 0.5 * square,
+                // rounding of this evaluation, where data is 1
+                Fidelity::Constrained(delta) => {
+                    if square.sqrt() > delta[frame] + 1e-9 {
+                        sum = f64::INFINITY;
+                    }
+                }
+            }
+        }
+        let variation = Variation {
+            ops,
+            x: &self.image,
+            stride,
+            linked: &self.linked,
+            lambda_space: problem.lambda_space,
+            lambda_time: problem.lambda_time,
+        };
+        sum + arch.dispatch(variation)
+    }
+
+    fn take_links<T: Scalar>(&mut self, state: &State<T>) {
+        let linked = self.linked.iter_mut().enumerate();
+        linked.for_each(|(frame, linked)| *linked = state.is_linked(frame));
+    }
+
+    /// A lower bound on the optimum from the state's duals; `data_dual` must hold those of the last
+    /// iteration.
+    pub(crate) fn lower_bound<T: Scalar>(
+        &mut self,
+        arch: Arch,
+        problem: &Problem<'_>,
+        state: &State<T>,
+    ) -> f64 {
+        self.take_links(state);
+        self.take_duals(problem, state);
+        self.balance_parts(problem, state.frames);
+        self.repair(arch, problem, state.frames);
+        self.scaled_value(arch, problem, state.frames)
+    }
+
+    /// Copies the duals, each moved into its ball.
+    fn take_duals<T: Scalar>(&mut self, problem: &Problem<'_>, state: &State<T>) {
+        let (ops, stride) = (problem.ops, self.stride);
+        self.dual.iter_mut().zip(&state.dual).for_each(|(d, s)| *d = s.to_f64());
+        let components = ops.components;
+        for (group, rows) in self.dual.chunks_exact_mut(components * stride).enumerate() {
+            let radius = problem.lambda_space * ops.radius[group];
+            for t in 0..stride {
+                let norm = (0..components).map(|c| rows[c * stride + t].powi(2)).sum::<f64>().sqrt();
+                if norm > radius {
+                    (0..components).for_each(|c| rows[c * stride + t] *= radius / norm);
+                }
+            }
+        }
+        if !self.time_dual.is_empty() {
+            for (p, row) in self.time_dual.chunks_exact_mut(stride).take(ops.unknowns).enumerate() {
+                let radius = problem.lambda_time * ops.time_radius[p];
+                let values = row.iter_mut().zip(state.time_dual_row(p)).zip(&self.linked);
+                for ((q, s), linked) in values {
+                    *q = if *linked { s.to_f64().clamp(-radius, radius) } else { 0.0 };
+                }
+            }
+        }
+        if let Some([lower, upper]) = problem.bounds {
+            for (p, s) in self.bound_dual.iter_mut().zip(&state.bound_dual) {
+                *p = s.to_f64();
+                // an infinite bound allows no force from its side
+                *p = p.min(if upper.is_finite() { f64::INFINITY } else { 0.0 });
+                *p = p.max(if lower.is_finite() { f64::NEG_INFINITY } else { 0.0 });
+            }
+        }
+    }
+
+    /// Makes the error sum to zero on each part in each frame: over all frames by `y`, from frame
+    /// to frame by `q_t` (or by `y` alone without a time term).
+    fn balance_parts(&mut self, problem: &Problem<'_>, frames: usize) {
+        let parts = problem.parts.sizes.len();
+        self.part_sums(problem, frames);
+        for part in 0..parts {
+            let mut first = 0;
+            while first < frames {
+                let range = self.run_from(first, frames);
+                first = range.end;
+                self.balance_by_data(problem, part, range);
+            }
+        }
+        // parts share y: balancing one may unbalance another, which q_t cannot mend; what is left
+        // takes the bound back to the constant
+        self.part_sums(problem, frames);
+        for part in 0..parts {
+            let mut first = 0;
+            while first < frames {
+                let range = self.run_from(first, frames);
+                first = range.end;
+                self.balance_by_links(problem, part, range);
+            }
+        }
+    }
+
+    /// Frames from `first` on that are linked one to the next.
+    fn run_from(&self, first: usize, frames: usize) -> std::ops::Range<usize> {
+        let end = (first..frames).find(|&f| !self.linked[f]).map_or(frames, |f| f + 1);
+        first..end
+    }
+
+    /// Carries the part's sums of a run of linked frames to its last one.
+    fn balance_by_links(
+        &mut self,
+        problem: &Problem<'_>,
+        part: usize,
+        range: std::ops::Range<usize>,
+    ) {
+        let parts = problem.parts.sizes.len();
+        let size = problem.parts.sizes[part];
+        let last = range.end - 1;
+        let mut carried = 0.0;
+        for frame in range.start..last {
+            carried += self.sums[frame * parts + part];
+            let flow = carried / size;
+            for (p, &label) in problem.parts.label.iter().enumerate() {
+                if label as usize == part {
+                    self.time_dual[p * self.stride + frame] += flow;
+                }
+            }
+            self.sums[frame * parts + part] = 0.0;
+        }
+        self.sums[last * parts + part] += carried;
+    }
+
+    /// `y_t -= theta a_t` over the frames of `range` so that the part's sum vanishes, with
+    /// `a_t = A_t 1` on the part.
+    fn balance_by_data(
+        &mut self,
+        problem: &Problem<'_>,
+        part: usize,
+        range: std::ops::Range<usize>,
+    ) {
+        let parts = problem.parts.sizes.len();
+        let rank = problem.ops.rank;
+        let sensitivity = &problem.parts.sensitivity[part];
+        let mut sum = 0.0;
+        let mut power = 0.0;
+        for frame in range.clone() {
+            let mode = &problem.modes[problem.mode_of[frame]];
+            let rotated = &mut self.columns[0];
+            mode.rotate(sensitivity, rotated);
+            sum += self.sums[frame * parts + part];
+            power +=
+                rotated.iter().zip(&mode.singular).map(|(u, s)| (s * u).powi(2)).sum::<f64>();
+        }
+        if power == 0.0 {
+            return;
+        }
+        let theta = sum / power;
+        for frame in range {
+            let mode = &problem.modes[problem.mode_of[frame]];
+            let rotated = &mut self.columns[0];
+            mode.rotate(sensitivity, rotated);
+            let own = &mut self.data_dual[frame * rank..][..rank];
+            let mut taken = 0.0;
+            for ((y, u), s) in own.iter_mut().zip(rotated.iter()).zip(&mode.singular) {
+                *y -= theta * s * u;
+                taken += theta * (s * u).powi(2);
+            }
+            self.sums[frame * parts + part] -= taken;
+        }
+    }
+
+    /// Sums of the error over each part, `[frame][part]`; `D' q` sums to zero on each.
+    fn part_sums(&mut self, problem: &Problem<'_>, frames: usize) {
+        let (parts, stride, rank) = (problem.parts.sizes.len(), self.stride, problem.ops.rank);
+        self.sums.fill(0.0);
+        for frame in 0..frames {
+            let mode = &problem.modes[problem.mode_of[frame]];
+            for part in 0..parts {
+                let rotated = &mut self.columns[0];
+                mode.rotate(&problem.parts.sensitivity[part], rotated);
+                let own = &self.data_dual[frame * rank..][..rank];
+                let terms = rotated.iter().zip(&mode.singular).zip(own);
+                self.sums[frame * parts + part] = terms.map(|((u, s), y)| u * s * y).sum();
+            }
+        }
+        for (p, &label) in problem.parts.label.iter().enumerate() {
+            let row = p * stride;
+            for frame in 0..frames {
+                let mut value = 0.0;
+                if !self.time_dual.is_empty() {
+                    value -= self.time_dual[row + frame];
+                    if frame > 0 {
+                        value += self.time_dual[row + frame - 1];
+                    }
+                }
+                if !self.bound_dual.is_empty() {
+                    value += self.bound_dual[row + frame];
+                }
+                self.sums[frame * parts + label as usize] += value;
+            }
+        }
+    }
+
+    /// The error of the equation, and its removal from `q`.
+    fn repair(&mut self, arch: Arch, problem: &Problem<'_>, frames: usize) {
+        let (ops, stride) = (problem.ops, self.stride);
+        self.coefficients.fill(0.0);
+        for frame in 0..frames {
+            let mode = &problem.modes[problem.mode_of[frame]];
+            let own = &self.data_dual[frame * ops.rank..][..ops.rank];
+            let [column, rotated] = &mut self.columns;
+            for ((u, y), s) in rotated.iter_mut().zip(own).zip(&mode.singular) {
+                *u = s * y;
+            }
+            mode.rotate_back(rotated, column);
+            for (k, c) in column.iter().enumerate() {
+                self.coefficients[k * stride + frame] = *c;
+            }
+        }
+        arch.dispatch(Error {
+            ops,
+            stride,
+            coefficients: &self.coefficients,
+            dual: &self.dual,
+            time_dual: &self.time_dual,
+            bound_dual: &self.bound_dual,
+            error: &mut self.error,
+        });
+        problem.laplacian.solve(arch, &mut self.error, &mut self.work, stride);
+        arch.dispatch(Subtract { ops, stride, potential: &self.error, dual: &mut self.dual });
+    }
+
+    /// The bound at the best feasible scale.
+    fn scaled_value(&self, arch: Arch, problem: &Problem<'_>, frames: usize) -> f64 {
+        let unbalanced = self.unbalanced(problem, frames);
+        let excess = arch.dispatch(Excess {
+            ops: problem.ops,
+            stride: self.stride,
+            frames,
+            dual: &self.dual,
+            time_dual: &self.time_dual,
+            lambda_space: problem.lambda_space,
+            lambda_time: problem.lambda_time,
+        });
+        if unbalanced || !excess.is_finite() {
+            return self.constant(problem);
+        }
+        let largest = 1.0 / excess.max(1.0);
+        let rank = problem.ops.rank;
+        let (mut linear, mut square) = (-self.support(problem), 0.0);
+        for frame in 0..frames {
+            let own = &self.data_dual[frame * rank..][..rank];
+            let target = &problem.targets[frame];
+            linear -= own.iter().zip(&target.values).map(|(y, b)| y * b).sum::<f64>();
+            let norm: f64 = own.iter().map(|y| y * y).sum();
+            match problem.fidelity {
+                Fidelity::Penalised => square += norm,
+                Fidelity::Constrained(delta) => {
+                    let inside = (delta[frame].powi(2) - target.rest_squared).max(0.0).sqrt();
+                    linear -= inside * norm.sqrt();
+                }
+            }
+        }
+        let scale = match (linear > 0.0, square > 0.0) {
+            (false, _) => 0.0,
+            (true, false) => largest,
+            (true, true) => largest.min(linear / square),
+        };
+        self.constant(problem) + scale * linear - 0.5 * scale * scale * square
+    }
+
+    /// The part of the objective that no image can change.
+    fn constant(&self, problem: &Problem<'_>) -> f64 {
+        match problem.fidelity {
+            Fidelity::Penalised => problem.targets.iter().map(|t| 0.5 * t.rest_squared).sum(),
+            Fidelity::Constrained(_) => 0.0,
+        }
+    }
+
+    /// Is a part left whose sum is more than rounding?
+    fn unbalanced(&self, problem: &Problem<'_>, frames: usize) -> bool {
+        let parts = problem.parts.sizes.len();
+        (0..parts).any(|part| {
+            let sensitivity: f64 =
+                problem.parts.sensitivity[part].iter().map(|v| v.abs()).fold(0.0, f64::max);
+            let force = problem.lambda_space.max(problem.lambda_time);
+            let scale = sensitivity + force * problem.parts.sizes[part];
+            (0..frames).any(|f| self.sums[f * parts + part].abs() > 1e-9 * scale)
+        })
+    }
+
+    /// `h(p)`.
+    fn support(&self, problem: &Problem<'_>) -> f64 {
+        let Some([lower, upper]) = problem.bounds else { return 0.0 };
+        let term = |p: f64| match p {
+            p if p > 0.0 => upper * p,
+            p if p < 0.0 => lower * p,
+            _ => 0.0,
+        };
+        self.bound_dual.iter().map(|&p| term(p)).sum()
+    }
+}
+
+/// Column of frame `frame` of `[rank][stride]`.
+pub(crate) fn gather<T: Scalar>(values: &[T], stride: usize, frame: usize, column: &mut [f64]) {
+    for (k, c) in column.iter_mut().enumerate() {
+        *c = values[k * stride + frame].to_f64();
+    }
+}
+
+/// `V' x`.
+struct Analyse<'a> {
+    ops: &'a Operators<f64>,
+    x: &'a [f64],
+    stride: usize,
+    coefficients: &'a mut [f64],
+}
+
+impl WithSimd for Analyse<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { ops, x, stride, coefficients } = self;
+        coefficients.fill(0.0);
+        let panels = ops.padded_rank / PANEL;
+        for first in (0..ops.unknowns).step_by(BLOCK) {
+            let count = BLOCK.min(ops.unknowns - first);
+            let analysis = &ops.analysis[first * panels..][..count * panels];
+            let block = &x[first * stride..][..count * stride];
+            panels_times(analysis, count, block, stride, coefficients);
+        }
+    }
+}
+
+/// `lambda_space sum |D x|_2 + lambda_time sum |D_t x|`.
+struct Variation<'a> {
+    ops: &'a Operators<f64>,
+    x: &'a [f64],
+    stride: usize,
+    linked: &'a [bool],
+    lambda_space: f64,
+    lambda_time: f64,
+}
+
+impl WithSimd for Variation<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let Self { ops, x, stride, linked, .. } = self;
+        let mut space = [0.0; LANES];
+        for group in 0..ops.groups.len() {
+            for offset in (0..stride).step_by(LANES) {
+                let mut square = [0.0; LANES];
+                for c in 0..ops.components {
+                    let d = row_difference(ops, group * ops.components + c, x, stride, offset);
+                    for l in 0..LANES {
+                        square[l] += d[l] * d[l];
+                    }
+                }
+                for l in 0..LANES {
+                    // padding frames are zero
+                    space[l] += ops.radius[group] * square[l].sqrt();
+                }
+            }
+        }
+        let mut time = 0.0;
+        if linked.contains(&true) {
+            for (p, row) in x.chunks_exact(stride).take(ops.unknowns).enumerate() {
+                let changes = row.windows(2).zip(linked).filter(|(_, linked)| **linked);
+                let change: f64 = changes.map(|(w, _)| (w[1] - w[0]).abs()).sum();
+                time += ops.time_radius[p] * change;
+            }
+        }
+        self.lambda_space * space.iter().sum::<f64>() + self.lambda_time * time
+    }
+}
+
+#[inline(always)]
+fn row_difference(
+    ops: &Operators<f64>,
+    row: usize,
+    x: &[f64],
+    stride: usize,
+    offset: usize,
+) -> [f64; LANES] {
+    let mut sum = [0.0; LANES];
+    for (p, value) in ops.gradient.row(row) {
+        let Some(x) = x[p * stride + offset..].first_chunk::<LANES>() else { continue };
+        for l in 0..LANES {
+            sum[l] += value * x[l];
+        }
+    }
+    sum
+}
+
+/// `A' y + D' q + D_t' q_t + p` from the coefficients of `A' y`.
+struct Error<'a> {
+    ops: &'a Operators<f64>,
+    stride: usize,
+    coefficients: &'a [f64],
+    dual: &'a [f64],
+    time_dual: &'a [f64],
+    bound_dual: &'a [f64],
+    error: &'a mut [f64],
+}
+
+impl WithSimd for Error<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { ops, stride, error, .. } = self;
+        error.fill(0.0);
+        let values = ops.unknowns.next_multiple_of(PANEL) * stride;
+        panels_times(&ops.synthesis, ops.padded_rank, self.coefficients, stride, &mut error[..values]);
+        for (p, row) in error.chunks_exact_mut(stride).take(ops.unknowns).enumerate() {
+            for (r, value) in ops.divergence.row(p) {
+                add_scaled(value, &self.dual[r * stride..][..stride], row);
+            }
+            if !self.time_dual.is_empty() {
+                let q = &self.time_dual[p * stride..][..stride];
+                let mut before = 0.0;
+                for (e, q) in row.iter_mut().zip(q) {
+                    *e += before - q;
+                    before = *q;
+                }
+            }
+            if !self.bound_dual.is_empty() {
+                add_scaled(1.0, &self.bound_dual[p * stride..][..stride], row);
+            }
+        }
+    }
+}
+
+/// `q -= D z`.
+struct Subtract<'a> {
+    ops: &'a Operators<f64>,
+    stride: usize,
+    potential: &'a [f64],
+    dual: &'a mut [f64],
+}
+
+impl WithSimd for Subtract<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { ops, stride, potential, dual } = self;
+        for (r, row) in dual.chunks_exact_mut(stride).enumerate() {
+            for (p, value) in ops.gradient.row(r) {
+                add_scaled(-value, &potential[p * stride..][..stride], row);
+            }
+        }
+    }
+}
+
+/// Largest ratio of a dual to its radius; infinite where a dual of radius zero is not zero.
+struct Excess<'a> {
+    ops: &'a Operators<f64>,
+    stride: usize,
+    frames: usize,
+    dual: &'a [f64],
+    time_dual: &'a [f64],
+    lambda_space: f64,
+    lambda_time: f64,
+}
+
+impl WithSimd for Excess<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let Self { ops, stride, frames, .. } = self;
+        let components = ops.components;
+        let mut worst = 0.0_f64;
+        for (group, rows) in self.dual.chunks_exact(components * stride).enumerate() {
+            let mut square = 0.0_f64;
+            for t in 0..frames {
+                let sum: f64 = (0..components).map(|c| rows[c * stride + t].powi(2)).sum();
+                square = square.max(sum);
+            }
+            worst = worst.max(square.sqrt() / (self.lambda_space * ops.radius[group]));
+        }
+        for (p, row) in self.time_dual.chunks_exact(stride).take(ops.unknowns).enumerate() {
+            let largest =
+                row[..frames].iter().fold(0.0_f64, |m, q| m.max(q.abs()));
+            if largest > 0.0 {
+                worst = worst.max(largest / (self.lambda_time * ops.time_radius[p]));
+            }
+        }
+        worst
+    }
+}

@@ -1,0 +1,331 @@
+//! From the first iterate to a certified result.
+
+use super::certificate::Evaluation;
+use super::engine::{State, Steps};
+use super::fit::{Fit, margin};
+use super::operators::Operators;
+use super::scalar::Scalar;
+use super::settings::Stop;
+use super::step;
+use super::task::Task;
+use crate::{Movie, MovieStatus};
+use std::time::Instant;
+
+/// Step of the run that finds feasible dual variables, relative to that of the image. Between 30
+/// and 1000 the bound is found in the same number of iterations within a third.
+const PROOF_STEP: f64 = 100.0;
+/// Iterations after which the step has halved, and its least value relative to the first.
+const HALVING: f64 = 30.0;
+const LEAST_STEP: f64 = 1.0 / 15.0;
+/// Iterations at which the first step is set anew from the norms found so far.
+const MEASURE_AT: [usize; 4] = [8, 16, 32, 64];
+/// First look at the result, and growth of the interval between looks.
+const FIRST_LOOK: usize = 32;
+const GROWTH: f64 = 1.35;
+/// Share of an image's iterations that its proof gets, and of the time under a deadline.
+const PROOF_SHARE: f64 = 0.4;
+/// Iterations between two looks at the clock.
+const CLOCK: usize = 4;
+/// Weights above this, in the solver's units, change no result but would overflow `f32`.
+const LARGEST_WEIGHT: f64 = 1e8;
+
+/// State of a solve.
+pub(crate) struct Run<'a, T> {
+    task: &'a Task<'a>,
+    ops: &'a Operators<T>,
+    image: State<T>,
+    proof: State<T>,
+    evaluation: Evaluation,
+    /// Data dual of the image's run and of the proof's, `[frame][rank]`.
+    columns: [Vec<f64>; 2],
+    /// First step size, see [`Self::step`].
+    first_step: f64,
+    margin: f64,
+    /// Iterations of the image's run, and of all.
+    done: usize,
+    total: usize,
+    best: Best,
+    start: Instant,
+}
+
+/// The best that was found.
+struct Best {
+    primal: f64,
+    lower_bound: f64,
+    images: Vec<f64>,
+    residual: Vec<f64>,
+}
+
+impl Best {
+    fn gap(&self) -> f64 {
+        match self.primal - self.lower_bound {
+            gap if gap <= 0.0 => 0.0,
+            gap => gap / self.primal.abs(),
+        }
+    }
+}
+
+/// How far a run may go.
+#[derive(Clone, Copy)]
+struct Limits {
+    iterations: usize,
+    seconds: f64,
+}
+
+impl<'a, T: Scalar> Run<'a, T> {
+    pub(crate) fn new(task: &'a Task<'a>, ops: &'a Operators<T>, target_gap: f64, start: Instant) -> Self {
+        let image = State::new(ops, task.frames, task.linked(), task.bounds.is_some());
+        let evaluation = Evaluation::new(&task.solver.double, &image, &task.solver.parts);
+        let rank = task.solver.rank();
+        let best = Best {
+            primal: f64::INFINITY,
+            lower_bound: f64::NEG_INFINITY,
+            images: evaluation.image.clone(),
+            residual: vec![0.0; task.frames],
+        };
+        let proof = image.clone();
+        let columns = [vec![0.0; rank], vec![0.0; rank]];
+        let mut this = Self {
+            task,
+            ops,
+            image,
+            proof,
+            evaluation,
+            columns,
+            first_step: 1.0,
+            margin: margin(target_gap, T::EPSILON),
+            done: 0,
+            total: 0,
+            best,
+            start,
+        };
+        if let Some(step) = step::guess(&task.problem(), ops, &this.image) {
+            this.first_step = step;
+        }
+        this
+    }
+
+    /// Runs to the target or a limit.
+    pub(crate) fn finish(mut self, stop: &Stop) -> Movie {
+        let deadline = stop.deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
+        let limits = Limits { iterations: stop.max_iterations, seconds: deadline };
+        self.try_constant();
+        let mut look = FIRST_LOOK;
+        let mut last = f64::INFINITY;
+        let mut next_proof = 0;
+        let status = loop {
+            if self.best.gap() <= stop.target_gap {
+                break MovieStatus::Converged;
+            }
+            if let Some(status) = self.over(limits) {
+                break status;
+            }
+            let image = Limits {
+                iterations: (limits.iterations as f64 * (1.0 - PROOF_SHARE)) as usize,
+                seconds: limits.seconds * (1.0 - PROOF_SHARE),
+            };
+            let ended = self.improve_image(look, image);
+            let primal = self.keep_image();
+            let falling = (last - primal) / primal.abs();
+            last = primal;
+            // the objective falls like a power of the iterations: what it still has to fall is
+            // about what it fell since the last look
+            if ended || (falling < stop.target_gap && self.done >= next_proof) {
+                let share = (self.done as f64 * PROOF_SHARE) as usize;
+                let count = if ended { usize::MAX } else { share.max(FIRST_LOOK / 2) };
+                self.prove(count, limits, stop.target_gap);
+                next_proof = (self.done as f64 * GROWTH) as usize;
+            }
+            look = (self.done as f64 * GROWTH) as usize;
+        };
+        let values = [self.best.primal, self.best.lower_bound];
+        let (images, residual) = (&self.best.images, &self.best.residual);
+        let end = (status, self.total, self.start);
+        self.task.movie(images, self.image.stride, residual, values, end)
+    }
+
+    fn over(&self, limits: Limits) -> Option<MovieStatus> {
+        if self.start.elapsed().as_secs_f64() >= limits.seconds {
+            Some(MovieStatus::Deadline)
+        } else if self.total >= limits.iterations {
+            Some(MovieStatus::IterationCap)
+        } else {
+            None
+        }
+    }
+
+    /// Iterates on the image until `self.done` is `until`; true where a limit came first.
+    fn improve_image(&mut self, until: usize, limits: Limits) -> bool {
+        while self.done < until {
+            if self.done.is_multiple_of(CLOCK) && self.over(limits).is_some() {
+                self.keep_candidate();
+                return true;
+            }
+            if MEASURE_AT.contains(&self.done) {
+                self.measure_step();
+            }
+            let keep = self.done + 1 == until;
+            let step = self.step();
+            self.iterate(Which::Image, step, keep);
+            self.done += 1;
+            self.total += 1;
+        }
+        false
+    }
+
+    /// One more iteration, for the candidate.
+    fn keep_candidate(&mut self) {
+        let step = self.step();
+        self.iterate(Which::Image, step, true);
+        self.done += 1;
+        self.total += 1;
+    }
+
+    /// Runs towards feasible dual variables from the image's state, and keeps the best bound.
+    fn prove(&mut self, count: usize, limits: Limits, target: f64) {
+        self.proof.copy_from(&self.image);
+        let step = self.step() * PROOF_STEP;
+        let problem = self.task.problem();
+        let arch = self.task.solver.arch;
+        let mut look = count / 2;
+        for k in 0..count {
+            let ending = k + 1 == count
+                || (self.total + 1) >= limits.iterations
+                || (k.is_multiple_of(CLOCK) && self.over(limits).is_some());
+            self.iterate(Which::Proof, step, false);
+            self.total += 1;
+            if k == look || ending {
+                let bound = self.evaluation.lower_bound(arch, &problem, &self.proof);
+                self.best.lower_bound = self.best.lower_bound.max(bound);
+                look = (k as f64 * GROWTH) as usize;
+                if ending || self.best.gap() <= target {
+                    break;
+                }
+            }
+        }
+    }
+
+    /// Values the candidate of the image's run and keeps it if it is the best.
+    fn keep_image(&mut self) -> f64 {
+        let problem = self.task.problem();
+        let primal = self.evaluation.primal(self.task.solver.arch, &problem, &self.image);
+        if primal < self.best.primal {
+            self.best.primal = primal;
+            self.best.images.copy_from_slice(&self.evaluation.image);
+            self.best.residual.copy_from_slice(&self.evaluation.residual);
+        }
+        primal
+    }
+
+    /// Step size now: falls like 1 / iterations. Large steps bring the image near, small ones
+    /// settle its details.
+    fn step(&self) -> f64 {
+        self.first_step * (1.0 / (1.0 + self.done as f64 / HALVING)).max(LEAST_STEP)
+    }
+
+    /// Sets the first step from the norms of image and duals.
+    fn measure_step(&mut self) {
+        if let Some(step) = step::measure(self.ops, &self.image) {
+            self.first_step = step.clamp(0.1 * self.first_step, 10.0 * self.first_step);
+        }
+    }
+
+    /// Values the best constant image: the optimum where the weights are large, and a bound to
+    /// begin with.
+    fn try_constant(&mut self) {
+        let task = self.task;
+        let parts = &task.solver.parts;
+        let values = self.constant_values();
+        for (p, &label) in parts.label.iter().enumerate() {
+            let row = &mut self.image.candidate[p * self.image.stride..][..task.frames];
+            row.fill(T::from_f64(values[label as usize]));
+        }
+        self.keep_image();
+        let rank = task.solver.rank();
+        let [rotated, column] = &mut self.columns;
+        for frame in 0..task.frames {
+            let (mode, target) = (&task.data.modes[task.data.mode_of[frame]], &task.data.targets[frame]);
+            column.fill(0.0);
+            for (sensitivity, value) in parts.sensitivity.iter().zip(&values) {
+                column.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
+            }
+            mode.rotate(column, rotated);
+            let own = &mut self.evaluation.data_dual[frame * rank..][..rank];
+            let terms = rotated.iter().zip(&mode.singular).zip(&target.values);
+            own.iter_mut().zip(terms).for_each(|(y, ((u, s), b))| *y = s * u - b);
+        }
+        let bound =
+            self.evaluation.lower_bound(task.solver.arch, &task.problem(), &self.image);
+        self.best.lower_bound = self.best.lower_bound.max(bound);
+    }
+
+    /// Least squares value of each connected part, by sweeps over the parts: one part, the rule,
+    /// needs one.
+    fn constant_values(&mut self) -> Vec<f64> {
+        let task = self.task;
+        let parts = &task.solver.parts;
+        let mut values = vec![0.0; parts.sizes.len()];
+        let sweeps = if values.len() == 1 { 1 } else { 50 };
+        for _ in 0..sweeps {
+            for part in 0..values.len() {
+                let (mut along, mut power) = (0.0, 0.0);
+                for (target, &mode) in task.data.targets.iter().zip(&task.data.mode_of) {
+                    let mode = &task.data.modes[mode];
+                    let [own, all] = &mut self.columns;
+                    own.fill(0.0);
+                    for (sensitivity, value) in parts.sensitivity.iter().zip(&values) {
+                        own.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
+                    }
+                    mode.rotate(own, all);
+                    mode.rotate(&parts.sensitivity[part], own);
+                    let terms = own.iter().zip(all.iter()).zip(&mode.singular).zip(&target.values);
+                    for (((own, all), s), b) in terms {
+                        along += s * own * (b - s * all);
+                        power += (s * own).powi(2);
+                    }
+                }
+                values[part] += if power > 0.0 { along / power } else { 0.0 };
+                if let Some([lower, upper]) = task.bounds {
+                    values[part] = values[part].clamp(lower, upper);
+                }
+            }
+        }
+        values
+    }
+
+    /// One iteration of one of the runs.
+    fn iterate(&mut self, which: Which, tau: f64, keep: bool) {
+        let Self { task, ops, image, proof, evaluation, columns, margin, .. } = self;
+        let state = match which {
+            Which::Image => image,
+            Which::Proof => proof,
+        };
+        let steps = Steps {
+            tau,
+            sigma: 1.0 / (tau * step::norm_squared(ops, state)),
+            lambda_space: task.lambda_space.min(LARGEST_WEIGHT),
+            lambda_time: task.lambda_time.min(LARGEST_WEIGHT),
+            bounds: task.bounds,
+        };
+        let fit = Fit {
+            modes: &task.data.modes,
+            mode_of: &task.data.mode_of,
+            targets: &task.data.targets,
+            fidelity: task.terms(),
+            margin: *margin,
+            tau,
+        };
+        let [column, rotated] = columns;
+        let dual = &mut evaluation.data_dual;
+        state.iterate(task.solver.arch, ops, &steps, keep, |coefficients, stride| {
+            fit.apply(coefficients, stride, [&mut *column, &mut *rotated], dual);
+        });
+    }
+}
+
+/// The two runs.
+#[derive(Debug, Clone, Copy)]
+enum Which {
+    Image,
+    Proof,
+}

@@ -1,0 +1,113 @@
+//! Settings of spatio-temporal total variation.
+
+use crate::InverseError;
+use crate::data::{check_length, check_positive};
+use std::time::Duration;
+
+/// How the images are bound to the data.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Fidelity {
+    /// `sum_t |W^1/2 (J x_t - dv_t)|^2 / 2` is part of the objective.
+    Penalised,
+    /// `|W^1/2 (J x_t - dv_t)| <= delta` for each frame (eq. 7 of the source paper). With `W` the
+    /// inverse noise covariance the discrepancy principle says `delta = sqrt(m)` for `m` used
+    /// measurements; with `W = 1` it is the noise's norm in the unit of `dv`. A frame with masked
+    /// channels gets `delta` times the root of the share of its good channels.
+    Constrained {
+        /// Radius, in units of the noise (or of `dv` where no noise is given), 0 or above.
+        delta: f64,
+    },
+}
+
+/// Settings of [`StTv`](crate::StTv).
+#[derive(Debug, Clone, PartialEq)]
+pub struct StTvSettings {
+    /// Weight of `sum_t |grad x_t|_{2,1}`, above zero. Unit: that of the data term over S m; with
+    /// [`Fidelity::Constrained`] only the ratio of the two weights matters.
+    pub lambda_space: f64,
+    /// Weight of `sum_t integral |x_{t+1} - x_t| dA`, 0 or above; 0 leaves every frame to itself
+    /// (total variation frame by frame), and the time term costs nothing. Unit: that of the data
+    /// term over S m^2.
+    ///
+    /// A total variation in time does not depend on when the frames were taken: a dropped frame or
+    /// another frame rate needs no other weight.
+    pub lambda_time: f64,
+    /// Data in the objective or in constraints.
+    pub fidelity: Fidelity,
+    /// Least change of conductivity, siemens (`-inf`: no bound). Pressing a piezoresistive fabric
+    /// only raises its conductivity: then 0.
+    pub lower_s: f64,
+    /// Largest change of conductivity, siemens (`inf`: no bound).
+    pub upper_s: f64,
+    /// Standard deviation of the noise of each difference, `[measurement]`, in the unit of `dv`;
+    /// `None`: `W = 1`.
+    pub noise_std: Option<Vec<f64>>,
+    /// Which measurements to use at all, `[measurement]`; `None`: all.
+    pub used: Option<Vec<bool>>,
+}
+
+impl Default for StTvSettings {
+    fn default() -> Self {
+        Self {
+            lambda_space: 1.0,
+            lambda_time: 1.0,
+            fidelity: Fidelity::Penalised,
+            lower_s: f64::NEG_INFINITY,
+            upper_s: f64::INFINITY,
+            noise_std: None,
+            used: None,
+        }
+    }
+}
+
+impl StTvSettings {
+    /// Refuses what is out of range.
+    pub(crate) fn check(&self, measurements: usize) -> Result<(), InverseError> {
+        check_positive("lambda_space", self.lambda_space)?;
+        let out_of_range =
+            |quantity, value, must| Err(InverseError::OutOfRange { quantity, value, must });
+        if !(self.lambda_time >= 0.0 && self.lambda_time.is_finite()) {
+            let must = "finite and 0 or above";
+            return out_of_range("lambda_time", self.lambda_time, must);
+        }
+        if let Fidelity::Constrained { delta } = self.fidelity
+            && !(delta >= 0.0 && delta.is_finite())
+        {
+            return out_of_range("delta", delta, "finite and 0 or above");
+        }
+        if self.lower_s.is_nan() || self.lower_s == f64::INFINITY {
+            return out_of_range("lower_s", self.lower_s, "a number below infinity");
+        }
+        if self.upper_s.is_nan() || self.upper_s <= self.lower_s {
+            return out_of_range("upper_s", self.upper_s, "above lower_s");
+        }
+        if let Some(used) = &self.used {
+            check_length("used", used.len(), measurements)?;
+        }
+        Ok(())
+    }
+
+    /// Has the problem bounds?
+    pub(crate) fn bounded(&self) -> bool {
+        self.lower_s.is_finite() || self.upper_s.is_finite()
+    }
+}
+
+/// When to stop: whichever comes first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stop {
+    /// Relative duality gap that is good enough, above zero. Below `1e-4` the iteration runs in
+    /// `f64` instead of `f32`.
+    pub target_gap: f64,
+    /// Time for the call. The certificate of what was reached by then is part of it.
+    pub deadline: Option<Duration>,
+    /// Iterations, those for the certificate included.
+    pub max_iterations: usize,
+}
+
+impl Default for Stop {
+    fn default() -> Self {
+        Self { target_gap: 1e-3, deadline: None, max_iterations: 20_000 }
+    }
+}

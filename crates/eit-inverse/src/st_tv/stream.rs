@@ -1,0 +1,588 @@
+//! A sliding window over an endless sequence.
+
+use super::certificate::{Evaluation, Fidelity as Terms, Problem};
+use super::data::{Mode, ModeScratch, Target};
+use super::engine::{State, Steps};
+use super::fit::{Fit, margin};
+use super::settings::Fidelity;
+use super::step;
+use super::{StTv, weights::quiet_threshold};
+use crate::data::{check_length, check_positive};
+use crate::{Certificate, InverseError, MovieStatus};
+use std::time::{Duration, Instant};
+
+/// Settings of [`StTvStream`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StreamSettings {
+    /// Frames in the window, 1 or above. Windows are padded to a multiple of 8 frames inside: 8 or
+    /// 16 cost no more than 5 or 9.
+    pub window: usize,
+    /// The frame that is given out, counted back from the newest: 0 for the newest itself. A frame
+    /// that the window also saw the future of is steadier.
+    pub lag: usize,
+    /// Relative duality gap of the window that is good enough.
+    pub target_gap: f64,
+    /// Iterations for one frame at most, those for the certificate included.
+    pub max_iterations: usize,
+    /// Time for one frame at most.
+    pub deadline: Option<Duration>,
+}
+
+impl Default for StreamSettings {
+    fn default() -> Self {
+        Self { window: 8, lag: 3, target_gap: 1e-2, max_iterations: 2000, deadline: None }
+    }
+}
+
+/// What a push gave.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StreamStep<'a> {
+    /// Image of the lagged frame, siemens, `[unknown]`; `None` until the window reaches back to it.
+    pub image: Option<&'a [f64]>,
+    /// Why the iteration stopped.
+    pub status: MovieStatus,
+    /// Iterations of this push.
+    pub iterations: usize,
+    /// Bounds on the window's optimum.
+    pub certificate: Certificate,
+    /// `|W^1/2 (J x - dv)|` of the lagged frame over its good channels; 0 without an image.
+    pub residual: f64,
+    /// The whole window holds nothing but noise: no iteration was needed.
+    pub quiet: bool,
+    /// Time of this push, seconds.
+    pub seconds: f64,
+}
+
+/// Spatio-temporal total variation of the last frames, warm-started.
+///
+/// Every push moves the window by one frame, keeps image and dual variables of the frames that stay,
+/// and iterates until the window's problem, exactly that of [`StTv::solve`] on its frames, is solved
+/// to the target gap or the budget is spent. After set-up nothing is allocated.
+///
+/// * A frame with masked channels changes the rows of its data term and nothing else; the expansion
+///   of a new set of masked channels costs `O(rank^3)` once.
+/// * A dropped frame ([`push_dropped`](Self::push_dropped)) is a frame without data: the window
+///   interpolates it. It may as well be left out, since a total variation in time does not depend
+///   on the frame rate; for the same reason a change of rate needs no call.
+/// * Another reference frame moves all data of the window
+///   ([`change_reference`](Self::change_reference)).
+#[derive(Debug)]
+pub struct StTvStream {
+    solver: StTv,
+    settings: StreamSettings,
+    /// Frames in the window so far, the last ones.
+    filled: usize,
+    image: State<f32>,
+    proof: State<f32>,
+    evaluation: Evaluation,
+    scratch: Scratch,
+    window: Window,
+    /// Difference data and channels as pushed, `[frame][measurement]`.
+    raw: Vec<Vec<f64>>,
+    good: Vec<Vec<bool>>,
+    /// No data at all.
+    dropped: Vec<bool>,
+    step: f64,
+    /// Norm of a frame's data that is 1 inside; 0 before there is any.
+    scale: f64,
+    pushed: usize,
+    lagged: Vec<f64>,
+}
+
+/// Memory that a push writes before it reads.
+struct Scratch {
+    modes: ModeScratch,
+    columns: [Vec<f64>; 2],
+    whitened: Vec<f64>,
+}
+
+impl std::fmt::Debug for Scratch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Scratch").finish_non_exhaustive()
+    }
+}
+
+/// Step of the image's run relative to the balanced one: that of a batch solve after some hundred
+/// iterations, as the window starts near its solution.
+const WARM_STEP: f64 = 0.25;
+/// Step of the proof's run relative to the image's.
+const PROOF_STEP: f64 = 100.0;
+/// Pushes between two measurements of the norms that set the step.
+const MEASURE_EVERY: usize = 8;
+/// Iterations on the image before the first evaluation, and their growth from one to the next; a
+/// proof gets three fifths as many.
+const FIRST_ROUND: usize = 20;
+const GROWTH: f64 = 1.35;
+/// As in a batch solve.
+const LARGEST_WEIGHT: f64 = 1e8;
+
+impl StTvStream {
+    /// Sets up a stream.
+    ///
+    /// # Errors
+    /// [`InverseError::OutOfRange`] for a window of 0, a lag outside it, a target gap that is not
+    /// positive, no iterations.
+    pub fn new(solver: StTv, settings: StreamSettings) -> Result<Self, InverseError> {
+        let StreamSettings { window, lag, target_gap, max_iterations, .. } = settings;
+        check_positive("target_gap", target_gap)?;
+        let checks = [
+            ("window, frames", window, window > 0, "1 or above"),
+            ("lag, frames", lag, lag < window, "below the window"),
+            ("max_iterations", max_iterations, max_iterations > 0, "1 or above"),
+        ];
+        for (quantity, value, fine, must) in checks {
+            if !fine {
+                return Err(InverseError::OutOfRange { quantity, value: value as f64, must });
+            }
+        }
+        let time = window > 1 && solver.settings.lambda_time > 0.0;
+        let mut image = State::new(&solver.single, window, time, solver.settings.bounded());
+        image.links_mut().fill(0.0);
+        let proof = image.clone();
+        let evaluation = Evaluation::new(&solver.double, &image, &solver.parts);
+        let (rank, measurements) = (solver.rank(), solver.measurements());
+        let scratch = Scratch {
+            modes: ModeScratch::new(&solver.compression),
+            columns: [vec![0.0; rank], vec![0.0; rank]],
+            whitened: vec![0.0; measurements],
+        };
+        let mut empty = Mode::with_room(&solver.compression);
+        empty.drop_data();
+        let modes = (0..window).map(|_| empty.with_same_room()).collect();
+        Ok(Self {
+            filled: 0,
+            image,
+            proof,
+            evaluation,
+            scratch,
+            window: Window {
+                modes,
+                mode_of: (0..window).collect(),
+                targets: vec![Target::zero(rank); window],
+                delta: match solver.settings.fidelity {
+                    Fidelity::Penalised => Vec::new(),
+                    Fidelity::Constrained { .. } => vec![0.0; window],
+                },
+                weights: [0.0; 2],
+                bounds: None,
+            },
+            raw: vec![vec![0.0; measurements]; window],
+            good: vec![vec![false; measurements]; window],
+            dropped: vec![true; window],
+            step: 1.0,
+            scale: 0.0,
+            pushed: 0,
+            lagged: vec![0.0; solver.unknowns()],
+            solver,
+            settings,
+        })
+    }
+
+    /// Takes a frame of difference data `[measurement]` and its good channels (`None`: all), and
+    /// gives the image of the lagged frame.
+    ///
+    /// # Errors
+    /// Wrong lengths, a value of a good channel that is not finite (the frame number counts pushes
+    /// from 0), a `delta` that no image can reach. The window is then as it was.
+    pub fn push(
+        &mut self,
+        dv: &[f64],
+        good: Option<&[bool]>,
+    ) -> Result<StreamStep<'_>, InverseError> {
+        let start = Instant::now();
+        let measurements = self.solver.measurements();
+        check_length("frame", dv.len(), measurements)?;
+        if let Some(good) = good {
+            check_length("good", good.len(), measurements)?;
+        }
+        let is_good = |i: usize| good.is_none_or(|good| good[i]);
+        for (measurement, &value) in dv.iter().enumerate() {
+            if !value.is_finite() && is_good(measurement) {
+                let frame = self.pushed;
+                return Err(InverseError::NonFiniteData { frame, measurement, value });
+            }
+        }
+        self.advance();
+        let newest = self.settings.window - 1;
+        self.raw[newest].copy_from_slice(dv);
+        self.good[newest].iter_mut().enumerate().for_each(|(i, slot)| *slot = is_good(i));
+        self.dropped[newest] = false;
+        self.set_mode(newest)?;
+        self.set_target(newest);
+        self.finish(start)
+    }
+
+    /// Takes note that a frame was lost: the window moves on, and the lost frame is interpolated
+    /// from its neighbours.
+    ///
+    /// # Errors
+    /// As [`push`](Self::push).
+    pub fn push_dropped(&mut self) -> Result<StreamStep<'_>, InverseError> {
+        let start = Instant::now();
+        self.advance();
+        let newest = self.settings.window - 1;
+        self.dropped[newest] = true;
+        self.window.modes[newest].drop_data();
+        self.window.targets[newest].clear();
+        self.finish(start)
+    }
+
+    /// Changes the reference frame by `change = v_ref_new - v_ref_old`, `[measurement]`: data
+    /// pushed from now on is against the new reference; that of the window is moved. Where the new
+    /// reference is nearer to the newest frame than the old one was, the images are moved by the
+    /// newest one, which is then what the reference holds.
+    ///
+    /// # Errors
+    /// Wrong length, a value that is not finite.
+    pub fn change_reference(&mut self, change: &[f64]) -> Result<(), InverseError> {
+        check_length("change of reference", change.len(), self.solver.measurements())?;
+        if let Some(measurement) = change.iter().position(|v| !v.is_finite()) {
+            let value = change[measurement];
+            return Err(InverseError::NonFiniteReference { measurement, value });
+        }
+        let window = self.settings.window;
+        let before = self.newest_power();
+        for raw in &mut self.raw {
+            raw.iter_mut().zip(change).for_each(|(dv, c)| *dv -= c);
+        }
+        for frame in window - self.filled..window {
+            if !self.dropped[frame] {
+                self.set_target(frame);
+            }
+        }
+        if self.newest_power() < before {
+            self.image.subtract_newest(window - self.filled..window);
+            self.proof.subtract_newest(window - self.filled..window);
+        }
+        Ok(())
+    }
+
+    /// Squared data of the newest frame.
+    fn newest_power(&self) -> f64 {
+        let target = &self.window.targets[self.settings.window - 1];
+        target.values.iter().map(|v| v * v).sum::<f64>() + target.rest_squared
+    }
+
+    /// The solver in use.
+    pub fn solver(&self) -> &StTv {
+        &self.solver
+    }
+
+    /// The settings in use.
+    pub fn settings(&self) -> &StreamSettings {
+        &self.settings
+    }
+
+    /// Value of an unknown in the window's frame of an age (0 for the newest), siemens; `None`
+    /// outside.
+    pub fn window_image(&self, age: usize, unknown: usize) -> Option<f64> {
+        let fine = age < self.filled && unknown < self.solver.unknowns();
+        fine.then(|| self.value(self.settings.window - 1 - age, unknown))
+    }
+
+    fn value(&self, frame: usize, unknown: usize) -> f64 {
+        let per_image = self.scale / self.solver.unit;
+        let settings = &self.solver.settings;
+        let value = self.evaluation.image[unknown * self.image.stride + frame] * per_image;
+        value.clamp(settings.lower_s, settings.upper_s)
+    }
+
+    /// Moves everything one frame back in time; the new frame starts from the newest image.
+    fn advance(&mut self) {
+        let window = self.settings.window;
+        self.pushed += 1;
+        self.image.shift();
+        self.proof.shift();
+        self.window.modes.rotate_left(1);
+        self.window.targets.rotate_left(1);
+        self.raw.rotate_left(1);
+        self.good.rotate_left(1);
+        self.dropped.rotate_left(1);
+        self.filled = (self.filled + 1).min(window);
+        let first = window - self.filled;
+        for state in [&mut self.image, &mut self.proof] {
+            for (frame, link) in state.links_mut().iter_mut().enumerate() {
+                *link = if frame >= first && frame + 1 < window { 1.0 } else { 0.0 };
+            }
+        }
+    }
+
+    /// Sets the mode of a frame from its channels; the neighbour's expansion is taken where the
+    /// channels are the same.
+    fn set_mode(&mut self, frame: usize) -> Result<(), InverseError> {
+        let (before, rest) = self.window.modes.split_at_mut(frame);
+        let Some(mode) = rest.first_mut() else { return Ok(()) };
+        let good = &self.good[frame];
+        match before.last() {
+            Some(last) if last.fits(&self.solver.compression, good) => mode.take(last),
+            _ => {
+                let masked = |i: usize| !good[i];
+                mode.set(&self.solver.compression, masked, &mut self.scratch.modes)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn set_target(&mut self, frame: usize) {
+        let Scratch { columns, whitened, .. } = &mut self.scratch;
+        let raw = &self.raw[frame];
+        let dv = |i: usize| raw[i];
+        let Window { modes, targets, .. } = &mut self.window;
+        let (mode, target) = (&modes[frame], &mut targets[frame]);
+        target.set(&self.solver.compression, mode, dv, &mut columns[0], whitened);
+        if self.scale == 0.0 {
+            let norm = target.values.iter().map(|v| v * v).sum::<f64>().sqrt();
+            self.scale = if norm > 0.0 { norm } else { 0.0 };
+        }
+        let one = if self.scale > 0.0 { self.scale } else { 1.0 };
+        target.values.iter_mut().for_each(|b| *b /= one);
+        target.rest_squared /= one * one;
+    }
+
+    /// Iterates and gives the lagged image.
+    fn finish(&mut self, start: Instant) -> Result<StreamStep<'_>, InverseError> {
+        self.set_units()?;
+        let quiet = self.is_quiet();
+        let outcome = if quiet { self.rest() } else { self.iterate(start) };
+        let window = self.settings.window;
+        let frame = window - 1 - self.settings.lag;
+        let known = self.settings.lag < self.filled;
+        if known {
+            for unknown in 0..self.solver.unknowns() {
+                self.lagged[unknown] = self.value(frame, unknown);
+            }
+        }
+        let (objective, one) = self.units();
+        Ok(StreamStep {
+            image: known.then_some(self.lagged.as_slice()),
+            status: outcome.status,
+            iterations: outcome.iterations,
+            certificate: Certificate {
+                primal: outcome.primal * objective,
+                lower_bound: outcome.lower_bound * objective,
+            },
+            residual: if known { self.evaluation.residual[frame] * one } else { 0.0 },
+            quiet,
+            seconds: start.elapsed().as_secs_f64(),
+        })
+    }
+
+    /// Weights, bounds and radii in inner units.
+    fn set_units(&mut self) -> Result<(), InverseError> {
+        let one = self.one();
+        let settings = &self.solver.settings;
+        let largest = settings.lambda_space.max(settings.lambda_time);
+        let weight = match settings.fidelity {
+            Fidelity::Penalised => 1.0 / (self.solver.unit * one),
+            Fidelity::Constrained { .. } => 1.0 / largest,
+        };
+        let window = &mut self.window;
+        window.weights = [settings.lambda_space * weight, settings.lambda_time * weight];
+        let per_image = self.solver.unit / one;
+        let bounds = [settings.lower_s * per_image, settings.upper_s * per_image];
+        window.bounds = settings.bounded().then_some(bounds);
+        let Fidelity::Constrained { delta } = settings.fidelity else { return Ok(()) };
+        let all = self.solver.full.good as f64;
+        for (frame, slot) in window.delta.iter_mut().enumerate() {
+            *slot = delta / one * (window.modes[frame].good as f64 / all).sqrt();
+            let least = window.targets[frame].rest_squared.sqrt();
+            if least > *slot && least > 1e-10 {
+                let (delta, least) = (*slot * one, least * one);
+                let frame = (self.pushed + frame).saturating_sub(self.settings.window);
+                return Err(InverseError::DeltaTooSmall { frame, delta, least });
+            }
+        }
+        Ok(())
+    }
+
+    /// The unit of the data inside.
+    fn one(&self) -> f64 {
+        if self.scale > 0.0 { self.scale } else { 1.0 }
+    }
+
+    /// Nothing but noise in the whole window.
+    fn is_quiet(&self) -> bool {
+        let noise = self.solver.settings.noise_std.is_some();
+        let zero = self.solver.settings.lower_s <= 0.0 && self.solver.settings.upper_s >= 0.0;
+        let quiet = |frame: usize| {
+            let target = &self.window.targets[frame];
+            let square = target.values.iter().map(|v| v * v).sum::<f64>() + target.rest_squared;
+            let good = if self.dropped[frame] { 0 } else { self.window.modes[frame].good };
+            square * self.scale * self.scale <= quiet_threshold(good as f64)
+        };
+        zero && (self.scale == 0.0 || noise && (0..self.settings.window).all(quiet))
+    }
+
+    /// The zero image, which a quiet window gets.
+    fn rest(&mut self) -> Outcome {
+        self.image.clear();
+        self.proof.clear();
+        self.evaluation.image.fill(0.0);
+        let mut square = 0.0;
+        for (residual, target) in self.evaluation.residual.iter_mut().zip(&self.window.targets) {
+            let own = target.values.iter().map(|v| v * v).sum::<f64>() + target.rest_squared;
+            *residual = own.sqrt();
+            square += own;
+        }
+        let primal = if self.window.delta.is_empty() { 0.5 * square } else { 0.0 };
+        // the zero image was not shown to be optimal, only not to differ from it beyond noise
+        Outcome { status: MovieStatus::Direct, iterations: 0, primal, lower_bound: 0.0 }
+    }
+
+    /// Objective and residual in the caller's units per unit inside.
+    fn units(&self) -> (f64, f64) {
+        let one = self.one();
+        let settings = &self.solver.settings;
+        match settings.fidelity {
+            Fidelity::Penalised => (one * one, one),
+            Fidelity::Constrained { .. } => {
+                let largest = settings.lambda_space.max(settings.lambda_time);
+                (largest * one / self.solver.unit, one)
+            }
+        }
+    }
+
+    /// Rounds of image, proof and evaluation.
+    fn iterate(&mut self, start: Instant) -> Outcome {
+        let StreamSettings { target_gap, max_iterations, deadline, .. } = self.settings;
+        let deadline = deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
+        let beginning = self.pushed <= MEASURE_EVERY;
+        let mut round = FIRST_ROUND;
+        let mut outcome = Outcome {
+            status: MovieStatus::Converged,
+            iterations: 0,
+            primal: f64::INFINITY,
+            lower_bound: f64::NEG_INFINITY,
+        };
+        loop {
+            if beginning || outcome.iterations == 0 && self.pushed.is_multiple_of(MEASURE_EVERY) {
+                self.measure_step();
+            }
+            let left = max_iterations - outcome.iterations;
+            let count = round.min((left * 5).div_ceil(8));
+            self.run(count, self.step, Which::Image);
+            self.proof.copy_from(&self.image);
+            let proof = (count * 3 / 5).min(left - count).max(1);
+            self.run(proof, self.step * PROOF_STEP, Which::Proof);
+            outcome.iterations += count + proof;
+            round = (round as f64 * GROWTH) as usize;
+            let Self { solver, window, evaluation, image, proof, .. } = self;
+            let problem = window.problem(solver);
+            let bound = evaluation.lower_bound(solver.arch, &problem, proof);
+            outcome.lower_bound = outcome.lower_bound.max(bound);
+            outcome.primal = evaluation.primal(solver.arch, &problem, image);
+            if outcome.gap() <= target_gap {
+                return outcome;
+            }
+            if start.elapsed().as_secs_f64() >= deadline {
+                return Outcome { status: MovieStatus::Deadline, ..outcome };
+            }
+            if outcome.iterations >= max_iterations {
+                return Outcome { status: MovieStatus::IterationCap, ..outcome };
+            }
+        }
+    }
+
+    /// Iterations of one of the runs; the last one keeps its image as the candidate.
+    fn run(&mut self, count: usize, tau: f64, which: Which) {
+        let Self { solver, settings, window, evaluation, image, proof, scratch, .. } = self;
+        let state = match which {
+            Which::Image => image,
+            Which::Proof => proof,
+        };
+        let norm_squared = step::norm_squared(&solver.single, state);
+        let [lambda_space, lambda_time] = window.weights;
+        let steps = Steps {
+            tau,
+            sigma: 1.0 / (tau * norm_squared),
+            lambda_space: lambda_space.min(LARGEST_WEIGHT),
+            lambda_time: lambda_time.min(LARGEST_WEIGHT),
+            bounds: window.bounds,
+        };
+        let fit = Fit {
+            modes: &window.modes,
+            mode_of: &window.mode_of,
+            targets: &window.targets,
+            fidelity: window.terms(),
+            margin: margin(settings.target_gap, f64::from(f32::EPSILON)),
+            tau,
+        };
+        let [column, rotated] = &mut scratch.columns;
+        for k in 0..count {
+            let dual = &mut evaluation.data_dual;
+            state.iterate(solver.arch, &solver.single, &steps, k + 1 == count, |c, stride| {
+                fit.apply(c, stride, [&mut *column, &mut *rotated], dual);
+            });
+        }
+    }
+
+    /// Sets the step from the norms of image and dual variables, or from the data before there are
+    /// any.
+    fn measure_step(&mut self) {
+        let ops = &self.solver.single;
+        let measured = step::measure(ops, &self.image);
+        let problem = self.window.problem(&self.solver);
+        if let Some(step) = measured.or_else(|| step::guess(&problem, ops, &self.image)) {
+            self.step = WARM_STEP * step;
+        }
+    }
+}
+
+/// The two runs.
+#[derive(Debug, Clone, Copy)]
+enum Which {
+    Image,
+    Proof,
+}
+
+/// How the iteration of a push ended, in inner units.
+struct Outcome {
+    status: MovieStatus,
+    iterations: usize,
+    primal: f64,
+    lower_bound: f64,
+}
+
+impl Outcome {
+    fn gap(&self) -> f64 {
+        match self.primal - self.lower_bound {
+            gap if gap <= 0.0 => 0.0,
+            gap => gap / self.primal.abs(),
+        }
+    }
+}
+
+/// The window's data and weights in inner units.
+#[derive(Debug)]
+struct Window {
+    /// `[frame]`.
+    modes: Vec<Mode>,
+    mode_of: Vec<usize>,
+    targets: Vec<Target>,
+    /// Empty where the data is penalised.
+    delta: Vec<f64>,
+    weights: [f64; 2],
+    bounds: Option<[f64; 2]>,
+}
+
+impl Window {
+    fn terms(&self) -> Terms<'_> {
+        if self.delta.is_empty() { Terms::Penalised } else { Terms::Constrained(&self.delta) }
+    }
+
+    fn problem<'a>(&'a self, solver: &'a StTv) -> Problem<'a> {
+        let [lambda_space, lambda_time] = self.weights;
+        Problem {
+            ops: &solver.double,
+            laplacian: &solver.laplacian,
+            parts: &solver.parts,
+            modes: &self.modes,
+            mode_of: &self.mode_of,
+            targets: &self.targets,
+            fidelity: self.terms(),
+            lambda_space,
+            lambda_time,
+            bounds: self.bounds,
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! One sequence in the solver's own units.
+
+use super::batch::StTv;
+use super::certificate::{Fidelity as Terms, Parts, Problem};
+use super::data::MovieData;
+use super::settings::Fidelity;
+use crate::{Certificate, Differences, Gradient, InverseError, Movie, MovieReport, MovieStatus};
+use faer::MatRef;
+use ndarray::Array2;
+use std::time::Instant;
+
+impl Parts {
+    pub(crate) fn new(gradient: &Gradient, basis: MatRef<'_, f64>) -> Self {
+        let (label, count) = gradient.parts();
+        let mut sizes = vec![0.0; count];
+        let mut sensitivity = vec![vec![0.0; basis.ncols()]; count];
+        for (p, &part) in label.iter().enumerate() {
+            sizes[part as usize] += 1.0;
+            let sums = &mut sensitivity[part as usize];
+            sums.iter_mut().zip(basis.row(p).iter()).for_each(|(sum, v)| *sum += v);
+        }
+        Self { label, sizes, sensitivity }
+    }
+}
+
+/// A sequence, scaled so that the Jacobian's largest singular value and the root mean square of a
+/// frame's data are 1: then nothing over- or underflows in `f32`, whatever the units.
+pub(crate) struct Task<'a> {
+    pub(crate) solver: &'a StTv,
+    pub(crate) data: MovieData,
+    pub(crate) frames: usize,
+    /// Radius of each frame in these units; empty where the data is penalised.
+    pub(crate) delta: Vec<f64>,
+    pub(crate) lambda_space: f64,
+    pub(crate) lambda_time: f64,
+    pub(crate) bounds: Option<[f64; 2]>,
+    /// Norm of a frame's data that is 1 in these units; 0 where there is nothing to solve.
+    pub(crate) scale: f64,
+    /// Objective in the caller's units per unit here.
+    objective: f64,
+}
+
+impl<'a> Task<'a> {
+    pub(crate) fn new(
+        solver: &'a StTv,
+        (lambda_space, lambda_time, fidelity): (f64, f64, Fidelity),
+        frames: &Differences<'_>,
+    ) -> Result<Self, InverseError> {
+        let mut data = MovieData::new(&solver.compression, frames)?;
+        let count = data.targets.len();
+        let settings = &solver.settings;
+        let square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
+        let total: f64 = data.targets.iter().map(|t| square(&t.values)).sum();
+        let delta = match fidelity {
+            Fidelity::Penalised => Vec::new(),
+            Fidelity::Constrained { delta } => {
+                let all = solver.full.good as f64;
+                let share = |f: usize| data.modes[data.mode_of[f]].good as f64 / all;
+                (0..count).map(|f| delta * share(f).sqrt()).collect()
+            }
+        };
+        let mut inside = !delta.is_empty();
+        for (frame, (&delta, target)) in delta.iter().zip(&data.targets).enumerate() {
+            let least = target.rest_squared.sqrt();
+            // the rest of an exact fit is rounding, not noise
+            if least > delta && least > 1e-10 * (total.sqrt() + least) {
+                return Err(InverseError::DeltaTooSmall { frame, delta, least });
+            }
+            inside &= square(&target.values) + target.rest_squared <= delta * delta;
+        }
+        let zero_allowed = settings.lower_s <= 0.0 && settings.upper_s >= 0.0;
+        let nearest = settings.lower_s.max(0.0).max(-settings.upper_s.min(0.0));
+        let mut scale = (total / count as f64).sqrt().max(nearest * solver.unit);
+        if zero_allowed && (inside || total == 0.0) {
+            scale = 0.0;
+        }
+        if !scale.is_finite() {
+            let must = "below 1e150 in units of the noise";
+            return Err(InverseError::OutOfRange { quantity: "norm of the data", value: scale, must });
+        }
+        let one = if scale > 0.0 { scale } else { 1.0 };
+        for target in &mut data.targets {
+            target.values.iter_mut().for_each(|b| *b /= one);
+            target.rest_squared /= one * one;
+        }
+        let per_image = solver.unit / one;
+        let largest = lambda_space.max(lambda_time);
+        let (weight, objective) = match fidelity {
+            Fidelity::Penalised => (1.0 / (solver.unit * one), one * one),
+            Fidelity::Constrained { .. } => (1.0 / largest, largest / per_image),
+        };
+        Ok(Self {
+            solver,
+            data,
+            frames: count,
+            delta: delta.iter().map(|d| d / one).collect(),
+            lambda_space: lambda_space * weight,
+            lambda_time: lambda_time * weight,
+            bounds: settings
+                .bounded()
+                .then(|| [settings.lower_s * per_image, settings.upper_s * per_image]),
+            scale,
+            objective,
+        })
+    }
+
+    /// Has the problem links between frames?
+    pub(crate) fn linked(&self) -> bool {
+        self.frames > 1 && self.lambda_time > 0.0
+    }
+
+    pub(crate) fn terms(&self) -> Terms<'_> {
+        if self.delta.is_empty() { Terms::Penalised } else { Terms::Constrained(&self.delta) }
+    }
+
+    pub(crate) fn problem(&self) -> Problem<'_> {
+        Problem {
+            ops: &self.solver.double,
+            laplacian: &self.solver.laplacian,
+            parts: &self.solver.parts,
+            modes: &self.data.modes,
+            mode_of: &self.data.mode_of,
+            targets: &self.data.targets,
+            fidelity: self.terms(),
+            lambda_space: self.lambda_space,
+            lambda_time: self.lambda_time,
+            bounds: self.bounds,
+        }
+    }
+
+    /// The result where the zero movie is optimal without any solve.
+    pub(crate) fn nothing(&self, start: Instant) -> Movie {
+        let square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
+        let norm = |f: usize| {
+            let target = &self.data.targets[f];
+            (square(&target.values) + target.rest_squared).sqrt()
+        };
+        let residual: Vec<f64> = (0..self.frames).map(norm).collect();
+        let value = if self.delta.is_empty() { 0.5 * square(&residual) } else { 0.0 };
+        Movie {
+            images: Array2::zeros((self.frames, self.solver.unknowns())),
+            report: MovieReport {
+                method: self.name(),
+                status: MovieStatus::Converged,
+                iterations: 0,
+                seconds: start.elapsed().as_secs_f64(),
+                residual,
+                certificate: Some(Certificate { primal: value, lower_bound: value }),
+            },
+        }
+    }
+
+    pub(crate) fn name(&self) -> &'static str {
+        if self.linked() { "st-tv" } else { "tv" }
+    }
+
+    /// A movie from images `[unknown][stride]` and values in these units.
+    pub(crate) fn movie(
+        &self,
+        images: &[f64],
+        stride: usize,
+        residual: &[f64],
+        [primal, lower_bound]: [f64; 2],
+        (status, iterations, start): (MovieStatus, usize, Instant),
+    ) -> Movie {
+        let per_image = self.scale / self.solver.unit;
+        let [lower, upper] = [self.solver.settings.lower_s, self.solver.settings.upper_s];
+        let unknowns = self.solver.unknowns();
+        let value = |(frame, p): (usize, usize)| {
+            // bounds hold to the last bit
+            (images[p * stride + frame] * per_image).clamp(lower, upper)
+        };
+        Movie {
+            images: Array2::from_shape_fn((self.frames, unknowns), value),
+            report: MovieReport {
+                method: self.name(),
+                status,
+                iterations,
+                seconds: start.elapsed().as_secs_f64(),
+                residual: residual.iter().map(|r| r * self.scale).collect(),
+                certificate: Some(Certificate {
+                    primal: primal * self.objective,
+                    lower_bound: lower_bound * self.objective,
+                }),
+            },
+        }
+    }
+}

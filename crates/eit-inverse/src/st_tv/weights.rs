@@ -1,0 +1,302 @@
+//! Weights from the noise, and frames that hold nothing else.
+
+use super::kernel::LANES;
+use super::{Fidelity, StTv, Stop};
+use crate::data::check_positive;
+use crate::{Differences, InverseError};
+use ndarray::{Axis, ArrayView2};
+use std::time::Instant;
+
+/// Frames that the choice looks at.
+const SAMPLE: usize = 12;
+/// Accuracy of the trial solves: the residual is settled long before the objective.
+const TRIAL_GAP: f64 = 3e-2;
+/// Factor between trials while the crossing is sought, and trials in each direction at most.
+const STRIDE: f64 = 4.0;
+const TRIALS: usize = 8;
+/// Halvings of the last factor: to 1 part in 10.
+const HALVINGS: usize = 4;
+
+/// Standard deviation of the noise of each channel, `[measurement]`, from frames `[frame,
+/// measurement]` during which nothing touched the skin: the root mean square of differences of
+/// successive frames over the root of 2, so that slow drift does not count as noise.
+///
+/// A channel that does not move at all (a stuck converter) gets a tenth of the median channel's
+/// noise: it must not have all the weight.
+///
+/// # Errors
+/// [`InverseError::WrongLength`] for fewer than three frames; [`InverseError::NonFiniteData`];
+/// [`InverseError::OutOfRange`] where no channel moves.
+pub fn noise_std_of_quiet_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>, InverseError> {
+    let count = frames.nrows();
+    if count < 3 {
+        return Err(InverseError::WrongLength { what: "quiet frames", found: count, wanted: 3 });
+    }
+    for ((frame, measurement), &value) in frames.indexed_iter() {
+        if !value.is_finite() {
+            return Err(InverseError::NonFiniteData { frame, measurement, value });
+        }
+    }
+    let deviation = |channel: ndarray::ArrayView1<'_, f64>| {
+        let changes = channel.iter().zip(channel.iter().skip(1));
+        let square: f64 = changes.map(|(a, b)| (b - a).powi(2)).sum();
+        (0.5 * square / (count - 1) as f64).sqrt()
+    };
+    let noise: Vec<f64> = frames.axis_iter(Axis(1)).map(deviation).collect();
+    let mut sorted: Vec<f64> = noise.iter().copied().filter(|e| *e > 0.0).collect();
+    sorted.sort_by(f64::total_cmp);
+    let Some(&median) = sorted.get(sorted.len() / 2) else {
+        let (quantity, value) = ("noise of the quiet frames", 0.0);
+        let must = "above zero: the frames are all equal";
+        return Err(InverseError::OutOfRange { quantity, value, must });
+    };
+    Ok(noise.iter().map(|e| e.max(0.1 * median)).collect())
+}
+
+/// How a choice of weights ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum WeightStatus {
+    /// The residual is that of the noise.
+    Reached,
+    /// Even the smallest weights tried leave more than the noise: the model does not explain the
+    /// data, or the noise is larger than stated.
+    AtLowerEdge,
+    /// Even a constant image explains the data: there is nothing but noise, or it is smaller than
+    /// stated.
+    AtUpperEdge,
+}
+
+/// A trial of the weights.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WeightPoint {
+    /// Weight tried.
+    pub lambda_space: f64,
+    /// Root mean square over channels and frames of the residual in units of the noise.
+    pub residual_norm: f64,
+    /// `sum_t |grad x_t|_{2,1} + (lambda_time / lambda_space) sum_t |x_{t+1} - x_t|_1`, S m.
+    pub variation: f64,
+}
+
+/// Weights chosen by the discrepancy principle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChosenWeights {
+    /// Weight in space.
+    pub lambda_space: f64,
+    /// Weight in time.
+    pub lambda_time: f64,
+    /// Root mean square residual there, in units of the noise; 1 is wanted.
+    pub residual: f64,
+    /// How the choice ended.
+    pub status: WeightStatus,
+    /// All trials, by weight.
+    pub curve: Vec<WeightPoint>,
+    /// `lambda_space` at the corner of the L-curve of the trials, as a check; `None` where the
+    /// curve has no convex corner.
+    pub corner: Option<f64>,
+    /// Time, seconds.
+    pub seconds: f64,
+}
+
+impl StTv {
+    /// Which frames do not differ from the reference beyond noise: those whose squared whitened
+    /// data over `k` good channels is below `k + 3 sqrt(2 k)`, three standard deviations above the
+    /// mean of pure noise. Without `noise_std` none is. A frame without a good channel is quiet.
+    ///
+    /// # Errors
+    /// As [`StTv::solve`].
+    pub fn quiet_frames(&self, frames: &Differences<'_>) -> Result<Vec<bool>, InverseError> {
+        frames.check(self.measurements())?;
+        let noise = self.settings.noise_std.is_some();
+        let quiet = |frame: usize| {
+            let (mut square, mut good) = (0.0, 0.0);
+            for (i, w) in self.compression.root_weights.iter().enumerate() {
+                if *w > 0.0 && frames.is_good(frame, i) {
+                    square += (w * frames.values[(frame, i)]).powi(2);
+                    good += 1.0;
+                }
+            }
+            noise && square <= quiet_threshold(good)
+        };
+        Ok((0..frames.values.nrows()).map(quiet).collect())
+    }
+
+    /// Chooses and sets the weights of the penalised form by the discrepancy principle: the largest
+    /// ones whose images still explain the data to within the noise, `sum |W^1/2 (J x - dv)|^2` =
+    /// number of good channels. `lambda_time = lambda_space / length_m`, where a change of a pixel
+    /// of edge `length_m` from frame to frame then costs as much as one of its edges (no time term
+    /// where `lambda_time` is 0 now).
+    ///
+    /// Looks at the 12 consecutive frames with the most signal, with about ten solves of low
+    /// accuracy, from the weight at which the gradient's dual would just hold the noise.
+    ///
+    /// # Errors
+    /// As [`StTv::solve`]; [`InverseError::OutOfRange`] without `noise_std`, or for a length that
+    /// is not positive.
+    pub fn choose_weights(
+        &mut self,
+        frames: &Differences<'_>,
+        length_m: f64,
+    ) -> Result<ChosenWeights, InverseError> {
+        let start = Instant::now();
+        check_positive("length_m", length_m)?;
+        frames.check(self.measurements())?;
+        if self.settings.noise_std.is_none() {
+            let (quantity, value) = ("noise_std", f64::NAN);
+            return Err(InverseError::OutOfRange { quantity, value, must: "given" });
+        }
+        let sample = self.sample(frames);
+        let values = frames.values.slice_axis(Axis(0), sample.clone().into());
+        let good = frames.good.as_ref().map(|good| good.slice_axis(Axis(0), sample.into()));
+        let sample = Differences { values, good };
+        let linked = self.settings.lambda_time > 0.0;
+        let ratio = if linked { 1.0 / length_m } else { 0.0 };
+        let mut trial = Trial { solver: self, sample, ratio, curve: Vec::new() };
+        let (lambda_space, residual, status) = trial.search()?;
+        let mut curve = trial.curve;
+        curve.sort_by(|a, b| a.lambda_space.total_cmp(&b.lambda_space));
+        let corner = corner(&curve);
+        let lambda_time = ratio * lambda_space;
+        self.set_weights(lambda_space, lambda_time, Fidelity::Penalised)?;
+        let seconds = start.elapsed().as_secs_f64();
+        Ok(ChosenWeights { lambda_space, lambda_time, residual, status, curve, corner, seconds })
+    }
+
+    /// The consecutive frames with the most signal.
+    fn sample(&self, frames: &Differences<'_>) -> std::ops::Range<usize> {
+        let count = frames.values.nrows();
+        let power = |frame: usize| -> f64 {
+            let weights = self.compression.root_weights.iter().enumerate();
+            let used = weights.filter(|&(i, w)| *w > 0.0 && frames.is_good(frame, i));
+            used.map(|(i, w)| (w * frames.values[(frame, i)]).powi(2)).sum()
+        };
+        let powers: Vec<f64> = (0..count).map(power).collect();
+        let length = SAMPLE.min(count);
+        let sum = |first: usize| powers[first..first + length].iter().sum::<f64>();
+        let best = (0..=count - length).max_by(|&a, &b| sum(a).total_cmp(&sum(b)));
+        let first = best.unwrap_or(0);
+        first..first + length
+    }
+
+    /// Root mean square over the groups of the smallest flow that balances unit noise:
+    /// `sqrt(sum_k s_k^2 v_k' L^+ v_k / groups)`, in the caller's units.
+    fn weight_of_noise(&self) -> f64 {
+        let ops = &self.double;
+        let basis = &self.compression.basis;
+        let values = ops.unknowns.next_multiple_of(super::operators::BLOCK) * LANES;
+        let (mut solution, mut work) = (vec![0.0; values], vec![0.0; values]);
+        let means = |part: usize, k: usize| self.parts.sensitivity[part][k] / self.parts.sizes[part];
+        let mut sum = 0.0;
+        for first in (0..ops.rank).step_by(LANES) {
+            let columns = first..(first + LANES).min(ops.rank);
+            solution.fill(0.0);
+            for k in columns.clone() {
+                // flows cannot carry what sums to more than zero on a part
+                for (p, &part) in self.parts.label.iter().enumerate() {
+                    solution[p * LANES + k - first] = basis[(p, k)] - means(part as usize, k);
+                }
+            }
+            self.laplacian.solve(self.arch, &mut solution, &mut work, LANES);
+            for k in columns {
+                // the solution's constant on a part does not count: the right-hand side has none
+                let energy: f64 = (0..ops.unknowns)
+                    .map(|p| {
+                        let part = self.parts.label[p] as usize;
+                        solution[p * LANES + k - first] * (basis[(p, k)] - means(part, k))
+                    })
+                    .sum();
+                sum += self.compression.singular[k].powi(2) * energy.max(0.0);
+            }
+        }
+        let radius: f64 = ops.radius.iter().sum::<f64>() / ops.groups.len().max(1) as f64;
+        self.unit * (sum / ops.groups.len().max(1) as f64).sqrt() / radius
+    }
+}
+
+/// Squared whitened norm up to which `good` channels hold nothing but noise.
+pub(crate) fn quiet_threshold(good: f64) -> f64 {
+    good + 3.0 * (2.0 * good).sqrt()
+}
+
+/// The search for the weight.
+struct Trial<'a> {
+    solver: &'a StTv,
+    sample: Differences<'a>,
+    ratio: f64,
+    curve: Vec<WeightPoint>,
+}
+
+impl Trial<'_> {
+    fn search(&mut self) -> Result<(f64, f64, WeightStatus), InverseError> {
+        let guess = self.solver.weight_of_noise();
+        let guess = if guess > 0.0 && guess.is_finite() { guess } else { self.solver.unit };
+        let mut found = (guess, self.residual(guess)?);
+        let up = found.1 < 1.0;
+        let mut other = found;
+        for _ in 0..TRIALS {
+            let next = if up { other.0 * STRIDE } else { other.0 / STRIDE };
+            found = other;
+            other = (next, self.residual(next)?);
+            if (other.1 < 1.0) != up {
+                return self.bisect(if up { [found, other] } else { [other, found] });
+            }
+        }
+        let status = if up { WeightStatus::AtUpperEdge } else { WeightStatus::AtLowerEdge };
+        Ok((other.0, other.1, status))
+    }
+
+    /// Halves the logarithmic interval between a weight that explains the data and one that does
+    /// not.
+    fn bisect(
+        &mut self,
+        [mut low, mut high]: [(f64, f64); 2],
+    ) -> Result<(f64, f64, WeightStatus), InverseError> {
+        for _ in 0..HALVINGS {
+            let middle = (low.0 * high.0).sqrt();
+            let residual = self.residual(middle)?;
+            if residual < 1.0 {
+                low = (middle, residual);
+            } else {
+                high = (middle, residual);
+            }
+        }
+        Ok((low.0, low.1, WeightStatus::Reached))
+    }
+
+    /// Root mean square residual for a weight.
+    fn residual(&mut self, lambda_space: f64) -> Result<f64, InverseError> {
+        let lambda_time = self.ratio * lambda_space;
+        let stop = Stop { target_gap: TRIAL_GAP, max_iterations: 2000, ..Default::default() };
+        let movie = self.solver.solve_with(
+            (lambda_space, lambda_time, Fidelity::Penalised),
+            &self.sample,
+            &stop,
+        )?;
+        let good = (0..self.sample.values.nrows())
+            .map(|f| self.solver.good_channels(&self.sample, f))
+            .sum::<usize>();
+        let square: f64 = movie.report.residual.iter().map(|r| r * r).sum();
+        let residual_norm = (square / good.max(1) as f64).sqrt();
+        let primal = movie.report.certificate.map_or(f64::NAN, |c| c.primal);
+        let variation = ((primal - 0.5 * square) / lambda_space).max(0.0);
+        self.curve.push(WeightPoint { lambda_space, residual_norm, variation });
+        Ok(residual_norm)
+    }
+}
+
+/// The trial at which the curve `(log residual, log variation)` turns most, if it turns towards the
+/// origin anywhere.
+fn corner(curve: &[WeightPoint]) -> Option<f64> {
+    let points: Vec<[f64; 3]> = curve
+        .iter()
+        .filter(|p| p.residual_norm > 0.0 && p.variation > 0.0)
+        .map(|p| [p.residual_norm.ln(), p.variation.ln(), p.lambda_space])
+        .collect();
+    let turn = |w: &[[f64; 3]]| {
+        let (a, b) = ([w[1][0] - w[0][0], w[1][1] - w[0][1]], [w[2][0] - w[1][0], w[2][1] - w[1][1]]);
+        let cross = a[0] * b[1] - a[1] * b[0];
+        (cross.atan2(a[0] * b[0] + a[1] * b[1]), w[1][2])
+    };
+    let turns = points.windows(3).map(turn).filter(|t| t.0 > 0.0);
+    turns.max_by(|a, b| a.0.total_cmp(&b.0)).map(|t| t.1)
+}

@@ -1,0 +1,293 @@
+//! The sliding window: equal to a batch solve of the window, no allocation, and everything that
+//! happens to a running instrument.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    missing_docs,
+    reason = "tests"
+)]
+
+use eit_inverse::{
+    Differences, Fidelity, Gradient, InverseError, MovieStatus, StTv, StTvSettings, StTvStream,
+    Stop, StreamSettings,
+};
+use ndarray::{Array1, Array2};
+use std::hint::black_box;
+
+const SIDE: usize = 14;
+const MEASUREMENTS: usize = 40;
+
+/// Smooth random rows on a disc of pixels, and frames of a touch that moves, with noise.
+struct Scene {
+    jacobian: Array2<f64>,
+    gradient: Gradient,
+    frames: Vec<Vec<f64>>,
+}
+
+/// A linear congruential generator, uniform in 0..1.
+fn uniform(state: &mut u64) -> f64 {
+    *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+    (*state >> 33) as f64 / (1_u64 << 31) as f64
+}
+
+fn scene(count: usize, noise: f64) -> Scene {
+    let centre = 0.5 * (SIDE as f64 - 1.0);
+    let place = |i: usize, j: usize| [i as f64 - centre, j as f64 - centre];
+    let mask = Array2::from_shape_fn((SIDE, SIDE), |(i, j)| {
+        let [x, y] = place(i, j);
+        x.hypot(y) <= centre + 0.3
+    });
+    let pixels: Vec<[f64; 2]> =
+        mask.indexed_iter().filter(|(_, m)| **m).map(|((i, j), _)| place(i, j)).collect();
+    let mut state = 7;
+    let mut jacobian = Array2::zeros((MEASUREMENTS, pixels.len()));
+    for mut row in jacobian.rows_mut() {
+        // a dipole near the rim: large near it, small in the middle, as in a real skin
+        let angle = std::f64::consts::TAU * uniform(&mut state);
+        let turn = std::f64::consts::TAU * uniform(&mut state);
+        let source = [1.2 * centre * angle.cos(), 1.2 * centre * angle.sin()];
+        for (value, pixel) in row.iter_mut().zip(&pixels) {
+            let (dx, dy) = (pixel[0] - source[0], pixel[1] - source[1]);
+            *value = (turn.cos() * dx + turn.sin() * dy) / (1.0 + dx * dx + dy * dy);
+        }
+    }
+    let frames = (0..count)
+        .map(|f| {
+            let angle = 0.05 * f as f64;
+            let touch = [0.5 * centre * angle.cos(), 0.5 * centre * angle.sin()];
+            let near = |p: &[f64; 2]| (p[0] - touch[0]).hypot(p[1] - touch[1]) < 2.5;
+            let image: Array1<f64> = pixels.iter().map(|p| f64::from(near(p))).collect();
+            let mut dv = jacobian.dot(&image).to_vec();
+            for value in &mut dv {
+                let normal = (0..12).map(|_| uniform(&mut state)).sum::<f64>() - 6.0;
+                *value += noise * normal;
+            }
+            dv
+        })
+        .collect();
+    Scene { gradient: Gradient::pixels(&mask, 1.0).unwrap(), jacobian, frames }
+}
+
+fn settings(noise: f64) -> StTvSettings {
+    StTvSettings {
+        lambda_space: 1.0,
+        lambda_time: 1.0,
+        noise_std: Some(vec![noise; MEASUREMENTS]),
+        ..Default::default()
+    }
+}
+
+const NOISE: f64 = 0.02;
+const GAP: f64 = 1e-2;
+
+fn stream_of(solver: &StTv, window: usize, lag: usize) -> StTvStream {
+    let settings = StreamSettings { window, lag, target_gap: GAP, ..Default::default() };
+    StTvStream::new(solver.clone(), settings).unwrap()
+}
+
+#[test]
+fn equals_the_batch_solution_of_the_window_to_the_gap() {
+    let scene = scene(30, NOISE);
+    let forms = [
+        Fidelity::Penalised,
+        Fidelity::Constrained { delta: (MEASUREMENTS as f64).sqrt() * 1.2 },
+    ];
+    for fidelity in forms {
+        let settings = StTvSettings { fidelity, ..settings(NOISE) };
+        let solver = StTv::new(&scene.jacobian, &scene.gradient, settings).unwrap();
+        let (window, lag) = (6, 2);
+        let mut stream = stream_of(&solver, window, lag);
+        for (f, dv) in scene.frames.iter().enumerate() {
+            let step = stream.push(dv, None).unwrap();
+            assert_eq!(step.status, MovieStatus::Converged, "frame {f}: {:?}", step.certificate);
+            assert!(step.certificate.relative_gap() <= GAP, "frame {f}");
+            assert_eq!(step.image.is_some(), f >= lag, "frame {f}");
+            let own = step.certificate;
+            if f + 1 < window || f % 6 != 0 {
+                continue;
+            }
+            let values = Array2::from_shape_fn((window, MEASUREMENTS), |(k, i)| {
+                scene.frames[f + 1 - window + k][i]
+            });
+            let stop = Stop { target_gap: 1e-4, ..Default::default() };
+            let batch = solver.solve(&Differences::all_good(values.view()), &stop).unwrap();
+            let optimum = batch.report.certificate.unwrap();
+            // both are certified: the intervals overlap, up to the rounding of f64
+            assert!(own.lower_bound <= optimum.primal * (1.0 + 1e-9), "frame {f}");
+            assert!(optimum.lower_bound <= own.primal * (1.0 + 1e-9), "frame {f}");
+            // the stream's objective is within its own gap of the optimum
+            assert!(own.primal <= optimum.primal * (1.0 + 1.1 * GAP), "frame {f}");
+        }
+    }
+}
+
+#[test]
+fn allocates_nothing_after_set_up() {
+    let scene = scene(24, NOISE);
+    let solver = StTv::new(&scene.jacobian, &scene.gradient, settings(NOISE)).unwrap();
+    let mut stream = stream_of(&solver, 5, 1);
+    let mut lost = vec![true; MEASUREMENTS];
+    lost[3] = false;
+    lost[17] = false;
+    let change = vec![1e-3; MEASUREMENTS];
+    let counted = allocation_counter::measure(|| {
+        for (f, dv) in scene.frames.iter().enumerate() {
+            match f {
+                7 => { black_box(stream.push_dropped().unwrap()); },
+                // a new set of masked channels, twice, then all channels again
+                9 | 10 | 15 => { black_box(stream.push(dv, Some(&lost)).unwrap()); },
+                12 => {
+                    stream.change_reference(&change).unwrap();
+                    { black_box(stream.push(dv, None).unwrap()); };
+                }
+                _ => { black_box(stream.push(dv, None).unwrap()); },
+            }
+        }
+    });
+    assert_eq!(counted.count_total, 0, "{counted:?}");
+    // the counter does count
+    assert!(allocation_counter::measure(|| drop(black_box(vec![0_u8; 100]))).count_total > 0);
+}
+
+/// Images of every lagged frame of a sequence with masks.
+fn images(solver: &StTv, frames: &[(Vec<f64>, Option<Vec<bool>>)]) -> Vec<Vec<f64>> {
+    let mut stream = stream_of(solver, 6, 2);
+    let mut out = Vec::new();
+    for (dv, good) in frames {
+        let step = stream.push(dv, good.as_deref()).unwrap();
+        out.extend(step.image.map(<[f64]>::to_vec));
+    }
+    out
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    let norm = |v: &[f64]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let difference: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+    norm(&difference) / norm(b)
+}
+
+#[test]
+fn a_lost_electrode_changes_the_data_not_the_sanity_of_the_image() {
+    let scene = scene(30, NOISE);
+    let solver = StTv::new(&scene.jacobian, &scene.gradient, settings(NOISE)).unwrap();
+    let clean: Vec<_> = scene.frames.iter().map(|dv| (dv.clone(), None)).collect();
+    // a sixth of the channels is gone from frame 12 on, and reads rubbish
+    let mut damaged = clean.clone();
+    let good: Vec<bool> = (0..MEASUREMENTS).map(|i| i % 6 != 0).collect();
+    for (dv, mask) in damaged.iter_mut().skip(12) {
+        for (value, good) in dv.iter_mut().zip(&good) {
+            if !good {
+                *value = f64::NAN;
+            }
+        }
+        *mask = Some(good.clone());
+    }
+    let (whole, part) = (images(&solver, &clean), images(&solver, &damaged));
+    for (f, (a, b)) in part.iter().zip(&whole).enumerate() {
+        assert!(a.iter().all(|v| v.is_finite()), "image {f}");
+        // before the loss enters the window the two are the same
+        let most = if f + 2 < 12 { 0.0 } else { 0.35 };
+        assert!(distance(a, b) <= most, "image {f}: {}", distance(a, b));
+    }
+}
+
+#[test]
+fn a_dropped_frame_is_interpolated() {
+    let scene = scene(16, NOISE);
+    let solver = StTv::new(&scene.jacobian, &scene.gradient, settings(NOISE)).unwrap();
+    let mut stream = stream_of(&solver, 6, 2);
+    for (f, dv) in scene.frames.iter().enumerate() {
+        let step = match f {
+            10 => stream.push_dropped().unwrap(),
+            _ => stream.push(dv, None).unwrap(),
+        };
+        assert_eq!(step.status, MovieStatus::Converged, "frame {f}: {:?}", step.certificate);
+        if f == 12 {
+            assert_eq!(step.residual, 0.0, "a frame without data has no residual");
+            let image = step.image.unwrap();
+            assert!(image.iter().any(|v| v.abs() > 0.2), "the touch is there all the same");
+        }
+    }
+}
+
+#[test]
+fn another_reference_moves_the_images() {
+    let scene = scene(40, NOISE);
+    let solver = StTv::new(&scene.jacobian, &scene.gradient, settings(NOISE)).unwrap();
+    let mut stream = stream_of(&solver, 4, 0);
+    for dv in scene.frames.iter().take(20) {
+        stream.push(dv, None).unwrap();
+    }
+    // frame 19 becomes the reference: the same frame again is then zero
+    let reference = scene.frames[19].clone();
+    stream.change_reference(&reference).unwrap();
+    let zero = vec![0.0; MEASUREMENTS];
+    let mut last = None;
+    for _ in 0..4 {
+        last = stream.push(&zero, None).unwrap().image.map(<[f64]>::to_vec);
+    }
+    let size = last.unwrap().iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    assert!(size < 0.05, "largest value {size} of a touch of 1");
+}
+
+#[test]
+fn quiet_windows_cost_nothing() {
+    let scene = scene(10, NOISE);
+    let solver = StTv::new(&scene.jacobian, &scene.gradient, settings(NOISE)).unwrap();
+    let mut stream = stream_of(&solver, 4, 1);
+    let mut state = 3;
+    for f in 0..6 {
+        let dv: Vec<f64> = (0..MEASUREMENTS)
+            .map(|_| NOISE * ((0..12).map(|_| uniform(&mut state)).sum::<f64>() - 6.0))
+            .collect();
+        let step = stream.push(&dv, None).unwrap();
+        assert!(step.quiet && step.iterations == 0, "frame {f}");
+        assert!(step.image.is_none_or(|image| image.iter().all(|v| *v == 0.0)));
+    }
+    let step = stream.push(&scene.frames[0], None).unwrap();
+    assert!(!step.quiet && step.iterations > 0);
+}
+
+#[test]
+fn bad_input_is_refused_and_leaves_the_window() {
+    let scene = scene(8, NOISE);
+    let solver = StTv::new(&scene.jacobian, &scene.gradient, settings(NOISE)).unwrap();
+    let mut stream = stream_of(&solver, 4, 1);
+    let mut twin = stream_of(&solver, 4, 1);
+    for dv in &scene.frames[..5] {
+        stream.push(dv, None).unwrap();
+        twin.push(dv, None).unwrap();
+    }
+    let mut bad = scene.frames[5].clone();
+    bad[7] = f64::NAN;
+    let error = stream.push(&bad, None).unwrap_err();
+    let wanted = matches!(error, InverseError::NonFiniteData { frame: 5, measurement: 7, .. });
+    assert!(wanted, "{error}");
+    assert!(stream.push(&bad[1..], None).is_err());
+    assert!(stream.push(&scene.frames[5], Some(&[true])).is_err());
+    assert!(stream.change_reference(&bad).is_err());
+    let good = |i: usize| i != 7;
+    let mask: Vec<bool> = (0..MEASUREMENTS).map(good).collect();
+    // masked, the same value is never looked at
+    stream.push(&bad, Some(&mask)).unwrap();
+    twin.push(&bad, Some(&mask)).unwrap();
+    let pixels = solver.unknowns();
+    assert!((0..pixels).all(|p| stream.window_image(0, p) == twin.window_image(0, p)));
+}
+
+#[test]
+fn settings_out_of_range_are_refused() {
+    let scene = scene(1, NOISE);
+    let solver = StTv::new(&scene.jacobian, &scene.gradient, settings(NOISE)).unwrap();
+    let fine = StreamSettings::default();
+    for wrong in [
+        StreamSettings { window: 0, lag: 0, ..fine },
+        StreamSettings { window: 4, lag: 4, ..fine },
+        StreamSettings { target_gap: 0.0, ..fine },
+        StreamSettings { target_gap: f64::NAN, ..fine },
+        StreamSettings { max_iterations: 0, ..fine },
+    ] {
+        assert!(StTvStream::new(solver.clone(), wrong).is_err(), "{wrong:?}");
+    }
+}
