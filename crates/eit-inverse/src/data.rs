@@ -233,7 +233,8 @@ fn root_weights(
     noise_std: &[f64],
 ) -> Result<(Vec<f64>, f64), InverseError> {
     check_length("noise_std", noise_std.len(), count)?;
-    let largest = used.iter().map(|&i| noise_std[i]).fold(0.0, f64::max);
+    let finite = used.iter().map(|&i| noise_std[i]).filter(|e| e.is_finite());
+    let largest = finite.fold(0.0, f64::max);
     let weights: Result<Vec<f64>, InverseError> = used
         .iter()
         .map(|&measurement| {

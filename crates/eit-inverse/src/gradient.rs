@@ -44,11 +44,8 @@ impl Gradient {
         let unknowns = mask.iter().filter(|inside| **inside).count();
         check_unknowns(unknowns)?;
         let mut index = ndarray::Array2::from_elem(mask.dim(), None);
-        let mut next = 0_u32;
-        for (slot, _) in index.iter_mut().zip(mask.iter()).filter(|(_, inside)| **inside) {
-            *slot = Some(next);
-            next += 1;
-        }
+        let inside = index.iter_mut().zip(mask.iter()).filter(|(_, inside)| **inside);
+        inside.enumerate().for_each(|(next, (slot, _))| *slot = Some(next as u32));
         let mut this = Self::empty(unknowns, 2, vec![pixel_m * pixel_m; unknowns]);
         for ((i, j), &pixel) in index.indexed_iter() {
             let Some(pixel) = pixel else { continue };
@@ -82,9 +79,8 @@ impl Gradient {
             let area = surface.areas_m2()[t];
             nodes.iter().for_each(|&n| areas[n as usize] += area / 3.0);
             let weights = nodal_gradient(surface.corners(t));
-            for component in 0..2 {
-                let entries = [0, 1, 2].map(|k| (nodes[k], weights[k][component]));
-                this.push_row(&entries);
+            for row in weights {
+                this.push_row(&[0, 1, 2].map(|k| (nodes[k], row[k])));
             }
         }
         this.areas = areas;
@@ -226,9 +222,9 @@ fn norm(a: [f64; 3]) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// Area times the gradient of each corner's hat function, in an orthonormal frame of the triangle's
-/// plane: half the opposite edge turned by a right angle.
-fn nodal_gradient(corners: [[f64; 3]; 3]) -> [[f64; 2]; 3] {
+/// Area times the gradient of each corner's hat function, `[component][corner]`, in an orthonormal
+/// frame of the triangle's plane: half the opposite edge turned by a right angle.
+fn nodal_gradient(corners: [[f64; 3]; 3]) -> [[f64; 3]; 2] {
     let (first, second) = (subtract(corners[1], corners[0]), subtract(corners[2], corners[0]));
     let length = norm(first);
     let along = first.map(|x| x / length);
@@ -236,8 +232,6 @@ fn nodal_gradient(corners: [[f64; 3]; 3]) -> [[f64; 2]; 3] {
     let rest = subtract(second, along.map(|x| x * projection));
     // plane coordinates of the corners: (0, 0), (length, 0), (projection, height)
     let flat = [[0.0, 0.0], [length, 0.0], [projection, norm(rest)]];
-    [0, 1, 2].map(|k| {
-        let (a, b) = (flat[(k + 1) % 3], flat[(k + 2) % 3]);
-        [0.5 * (a[1] - b[1]), 0.5 * (b[0] - a[0])]
-    })
+    let ends = [0, 1, 2].map(|k| [flat[(k + 1) % 3], flat[(k + 2) % 3]]);
+    [ends.map(|[a, b]| 0.5 * (a[1] - b[1])), ends.map(|[a, b]| 0.5 * (b[0] - a[0]))]
 }

@@ -21,11 +21,12 @@ pub use gradient::Gradient;
 pub use hyperparameter::{
     Chosen, CurvePoint, HyperparameterChoice, HyperparameterStatus, NoiseTarget,
 };
-pub use movie::{Certificate, Differences, Movie, MovieMethod, MovieReport, MovieStatus};
+pub use movie::{
+    Certificate, Differences, Movie, MovieMethod, MovieReport, MovieStatus, TracePoint,
+};
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
 pub use reconstructor::{Reconstructor, Workspace};
 pub use st_tv::{
     ChosenWeights, Fidelity, StTv, StTvSettings, StTvStream, Stop, StreamSettings, StreamStep,
-    WeightPoint, WeightStatus,
-    noise_std_of_quiet_frames,
+    WeightPoint, WeightStatus, noise_std_of_quiet_frames,
 };

@@ -93,6 +93,21 @@ pub struct MovieReport {
     pub residual: Vec<f64>,
     /// Proven bounds, for the methods that have them.
     pub certificate: Option<Certificate>,
+    /// The best known at each look, in order: error against run time. Empty for a direct method.
+    pub trace: Vec<TracePoint>,
+}
+
+/// What an iterative method knew at a point in time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TracePoint {
+    /// Wall time since the call, seconds.
+    pub seconds: f64,
+    /// Iterations, those for bounds included.
+    pub iterations: usize,
+    /// Best objective so far; infinite where no feasible movie is known.
+    pub primal: f64,
+    /// Best lower bound so far.
+    pub lower_bound: f64,
 }
 
 /// A reconstructed sequence.

@@ -1,12 +1,6 @@
 //! The sliding window: equal to a batch solve of the window, no allocation, and everything that
 //! happens to a running instrument.
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    missing_docs,
-    reason = "tests"
-)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
 
 use eit_inverse::{
     Differences, Fidelity, Gradient, InverseError, MovieStatus, StTv, StTvSettings, StTvStream,
@@ -89,10 +83,8 @@ fn stream_of(solver: &StTv, window: usize, lag: usize) -> StTvStream {
 #[test]
 fn equals_the_batch_solution_of_the_window_to_the_gap() {
     let scene = scene(30, NOISE);
-    let forms = [
-        Fidelity::Penalised,
-        Fidelity::Constrained { delta: (MEASUREMENTS as f64).sqrt() * 1.2 },
-    ];
+    let forms =
+        [Fidelity::Penalised, Fidelity::Constrained { delta: (MEASUREMENTS as f64).sqrt() * 1.2 }];
     for fidelity in forms {
         let settings = StTvSettings { fidelity, ..settings(NOISE) };
         let solver = StTv::new(&scene.jacobian, &scene.gradient, settings).unwrap();
@@ -134,14 +126,22 @@ fn allocates_nothing_after_set_up() {
     let counted = allocation_counter::measure(|| {
         for (f, dv) in scene.frames.iter().enumerate() {
             match f {
-                7 => { black_box(stream.push_dropped().unwrap()); },
+                7 => {
+                    black_box(stream.push_dropped().unwrap());
+                }
                 // a new set of masked channels, twice, then all channels again
-                9 | 10 | 15 => { black_box(stream.push(dv, Some(&lost)).unwrap()); },
+                9 | 10 | 15 => {
+                    black_box(stream.push(dv, Some(&lost)).unwrap());
+                }
                 12 => {
                     stream.change_reference(&change).unwrap();
-                    { black_box(stream.push(dv, None).unwrap()); };
+                    {
+                        black_box(stream.push(dv, None).unwrap());
+                    };
                 }
-                _ => { black_box(stream.push(dv, None).unwrap()); },
+                _ => {
+                    black_box(stream.push(dv, None).unwrap());
+                }
             }
         }
     });

@@ -173,6 +173,7 @@ impl MovieMethod for AbsoluteGaussNewton<'_> {
             seconds: start.elapsed().as_secs_f64(),
             residual,
             certificate: None,
+            trace: Vec::new(),
         };
         Ok(Movie { images, report })
     }

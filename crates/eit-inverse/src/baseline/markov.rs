@@ -214,6 +214,7 @@ pub(super) fn smooth(
         seconds: start.elapsed().as_secs_f64(),
         residual,
         certificate: None,
+        trace: Vec::new(),
     };
     Ok(Movie { images, report })
 }

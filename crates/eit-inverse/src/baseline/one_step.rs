@@ -148,6 +148,7 @@ impl MovieMethod for OneStep {
             residual: self.residuals(frames, &images),
             seconds: start.elapsed().as_secs_f64(),
             certificate: None,
+            trace: Vec::new(),
         };
         Ok(Movie { images, report })
     }

@@ -15,8 +15,6 @@ use std::time::Instant;
 
 /// Gap below which rounding of `f32` shows.
 const SINGLE_PRECISION_GAP: f64 = 1e-4;
-/// Radius, relative to the data, below which rounding of `f32` leaves it.
-const SINGLE_PRECISION_DELTA: f64 = 1e-2;
 
 /// Spatio-temporal total variation of one linearised skin.
 ///
@@ -175,12 +173,11 @@ impl StTv {
         if task.scale == 0.0 {
             return Ok(task.nothing(start));
         }
-        let gap = stop.target_gap;
-        let tight = task.delta.iter().any(|&delta| delta < SINGLE_PRECISION_DELTA);
-        if gap < SINGLE_PRECISION_GAP || tight {
-            Ok(Run::new(&task, &self.double, gap, start).finish(stop))
+        // a data constraint must hold, not nearly hold: rounding of f32 would cost objective
+        if stop.target_gap < SINGLE_PRECISION_GAP || !task.delta.is_empty() {
+            Ok(Run::new(&task, &self.double, start).finish(stop))
         } else {
-            Ok(Run::new(&task, &self.single, gap, start).finish(stop))
+            Ok(Run::new(&task, &self.single, start).finish(stop))
         }
     }
 }

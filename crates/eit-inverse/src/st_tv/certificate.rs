@@ -80,6 +80,9 @@ pub(crate) struct Evaluation {
     pub(crate) residual: Vec<f64>,
     columns: [Vec<f64>; 2],
     sums: Vec<f64>,
+    /// System of the parts' balance, `[part][part + 1]`, and its rows, `[part][rank]`.
+    gram: Vec<f64>,
+    forces: Vec<f64>,
     /// Is a frame linked to its next one, `[frame]`.
     linked: Vec<bool>,
 }
@@ -101,13 +104,20 @@ impl Evaluation {
             residual: vec![0.0; frames],
             columns: std::array::from_fn(|_| vec![0.0; ops.rank]),
             sums: vec![0.0; frames * parts.sizes.len()],
+            gram: vec![0.0; parts.sizes.len() * (parts.sizes.len() + 1)],
+            forces: vec![0.0; parts.sizes.len() * ops.rank],
             linked: vec![false; frames],
         }
     }
 
     /// Objective of the state's candidate within bounds; infinite where it violates the data
     /// constraint.
-    pub(crate) fn primal<T: Scalar>(&mut self, arch: Arch, problem: &Problem<'_>, state: &State<T>) -> f64 {
+    pub(crate) fn primal<T: Scalar>(
+        &mut self,
+        arch: Arch,
+        problem: &Problem<'_>,
+        state: &State<T>,
+    ) -> f64 {
         self.take_links(state);
         for (x, c) in self.image.iter_mut().zip(&state.candidate) {
             *x = c.to_f64();
@@ -121,8 +131,7 @@ impl Evaluation {
         arch.dispatch(Analyse { ops, x: &self.image, stride, coefficients });
         let mut sum = 0.0;
         for frame in 0..state.frames {
-            let (mode, target) =
-                (&problem.modes[problem.mode_of[frame]], &problem.targets[frame]);
+            let (mode, target) = (&problem.modes[problem.mode_of[frame]], &problem.targets[frame]);
             let [column, rotated] = &mut self.columns;
             gather(coefficients, stride, frame, column);
             mode.rotate(column, rotated);
@@ -138,7 +147,7 @@ impl Evaluation {
                 Fidelity::Penalised => sum += 0.5 * square,
                 // rounding of this evaluation, where data is 1
                 Fidelity::Constrained(delta) => {
-                    if square.sqrt() > delta[frame] + 1e-9 {
+                    if square.sqrt() > delta[frame] * (1.0 + 1e-9) + 1e-12 {
                         sum = f64::INFINITY;
                     }
                 }
@@ -183,7 +192,8 @@ impl Evaluation {
         for (group, rows) in self.dual.chunks_exact_mut(components * stride).enumerate() {
             let radius = problem.lambda_space * ops.radius[group];
             for t in 0..stride {
-                let norm = (0..components).map(|c| rows[c * stride + t].powi(2)).sum::<f64>().sqrt();
+                let norm =
+                    (0..components).map(|c| rows[c * stride + t].powi(2)).sum::<f64>().sqrt();
                 if norm > radius {
                     (0..components).for_each(|c| rows[c * stride + t] *= radius / norm);
                 }
@@ -211,20 +221,18 @@ impl Evaluation {
     /// Makes the error sum to zero on each part in each frame: over all frames by `y`, from frame
     /// to frame by `q_t` (or by `y` alone without a time term).
     fn balance_parts(&mut self, problem: &Problem<'_>, frames: usize) {
-        let parts = problem.parts.sizes.len();
         self.part_sums(problem, frames);
-        for part in 0..parts {
+        // the second time takes the rounding of the first
+        for _ in 0..2 {
             let mut first = 0;
             while first < frames {
                 let range = self.run_from(first, frames);
                 first = range.end;
-                self.balance_by_data(problem, part, range);
+                self.balance_by_data(problem, range);
             }
+            self.part_sums(problem, frames);
         }
-        // parts share y: balancing one may unbalance another, which q_t cannot mend; what is left
-        // takes the bound back to the constant
-        self.part_sums(problem, frames);
-        for part in 0..parts {
+        for part in 0..problem.parts.sizes.len() {
             let mut first = 0;
             while first < frames {
                 let range = self.run_from(first, frames);
@@ -264,43 +272,42 @@ impl Evaluation {
         self.sums[last * parts + part] += carried;
     }
 
-    /// `y_t -= theta a_t` over the frames of `range` so that the part's sum vanishes, with
-    /// `a_t = A_t 1` on the part.
-    fn balance_by_data(
-        &mut self,
-        problem: &Problem<'_>,
-        part: usize,
-        range: std::ops::Range<usize>,
-    ) {
+    /// `y_t -= sum_p theta_p a_tp` over the frames of `range`, so that the sums of all parts vanish
+    /// together, with `a_tp = A_t 1` on part `p`: least squares over the parts, which share `y`.
+    fn balance_by_data(&mut self, problem: &Problem<'_>, range: std::ops::Range<usize>) {
         let parts = problem.parts.sizes.len();
         let rank = problem.ops.rank;
-        let sensitivity = &problem.parts.sensitivity[part];
-        let mut sum = 0.0;
-        let mut power = 0.0;
-        for frame in range.clone() {
+        let mut gram = std::mem::take(&mut self.gram);
+        let mut forces = std::mem::take(&mut self.forces);
+        gram.fill(0.0);
+        let fill = |forces: &mut [f64], frame: usize| {
             let mode = &problem.modes[problem.mode_of[frame]];
-            let rotated = &mut self.columns[0];
-            mode.rotate(sensitivity, rotated);
-            sum += self.sums[frame * parts + part];
-            power +=
-                rotated.iter().zip(&mode.singular).map(|(u, s)| (s * u).powi(2)).sum::<f64>();
-        }
-        if power == 0.0 {
-            return;
-        }
-        let theta = sum / power;
-        for frame in range {
-            let mode = &problem.modes[problem.mode_of[frame]];
-            let rotated = &mut self.columns[0];
-            mode.rotate(sensitivity, rotated);
-            let own = &mut self.data_dual[frame * rank..][..rank];
-            let mut taken = 0.0;
-            for ((y, u), s) in own.iter_mut().zip(rotated.iter()).zip(&mode.singular) {
-                *y -= theta * s * u;
-                taken += theta * (s * u).powi(2);
+            let rows = forces.chunks_exact_mut(rank).zip(&problem.parts.sensitivity);
+            for (row, sensitivity) in rows {
+                mode.rotate(sensitivity, row);
+                row.iter_mut().zip(&mode.singular).for_each(|(u, s)| *u *= s);
             }
-            self.sums[frame * parts + part] -= taken;
+        };
+        for frame in range.clone() {
+            fill(&mut forces, frame);
+            for (p, (row, force)) in
+                gram.chunks_exact_mut(parts + 1).zip(forces.chunks_exact(rank)).enumerate()
+            {
+                row[parts] += self.sums[frame * parts + p];
+                for (entry, other) in row.iter_mut().zip(forces.chunks_exact(rank)) {
+                    *entry += force.iter().zip(other).map(|(a, b)| a * b).sum::<f64>();
+                }
+            }
         }
+        solve_semidefinite(&mut gram, parts);
+        for frame in range {
+            fill(&mut forces, frame);
+            let own = &mut self.data_dual[frame * rank..][..rank];
+            for (force, theta) in forces.chunks_exact(rank).zip(gram.chunks_exact(parts + 1)) {
+                own.iter_mut().zip(force).for_each(|(y, a)| *y -= theta[parts] * a);
+            }
+        }
+        (self.gram, self.forces) = (gram, forces);
     }
 
     /// Sums of the error over each part, `[frame][part]`; `D' q` sums to zero on each.
@@ -381,7 +388,7 @@ impl Evaluation {
         }
         let largest = 1.0 / excess.max(1.0);
         let rank = problem.ops.rank;
-        let (mut linear, mut square) = (-self.support(problem), 0.0);
+        let (mut linear, mut square) = (-self.support(problem, frames), 0.0);
         for frame in 0..frames {
             let own = &self.data_dual[frame * rank..][..rank];
             let target = &problem.targets[frame];
@@ -417,21 +424,60 @@ impl Evaluation {
         (0..parts).any(|part| {
             let sensitivity: f64 =
                 problem.parts.sensitivity[part].iter().map(|v| v.abs()).fold(0.0, f64::max);
-            let force = problem.lambda_space.max(problem.lambda_time);
-            let scale = sensitivity + force * problem.parts.sizes[part];
-            (0..frames).any(|f| self.sums[f * parts + part].abs() > 1e-9 * scale)
+            let dual = self.data_dual.iter().fold(0.0_f64, |m, y| m.max(y.abs()));
+            let scale = sensitivity * dual;
+            (0..frames).any(|f| self.sums[f * parts + part].abs() > 1e-12 * scale)
         })
     }
 
     /// `h(p)`.
-    fn support(&self, problem: &Problem<'_>) -> f64 {
+    fn support(&self, problem: &Problem<'_>, frames: usize) -> f64 {
         let Some([lower, upper]) = problem.bounds else { return 0.0 };
         let term = |p: f64| match p {
             p if p > 0.0 => upper * p,
             p if p < 0.0 => lower * p,
             _ => 0.0,
         };
-        self.bound_dual.iter().map(|&p| term(p)).sum()
+        let rows = self.bound_dual.chunks_exact(self.stride).take(problem.ops.unknowns);
+        rows.flat_map(|row| &row[..frames]).map(|&p| term(p)).sum()
+    }
+}
+
+/// Solves `[n][n + 1]` rows of a semidefinite system with its right-hand side in the last column,
+/// which becomes the solution: elimination with diagonal pivots. Directions without power get
+/// nothing.
+fn solve_semidefinite(rows: &mut [f64], n: usize) {
+    let width = n + 1;
+    let floor = (0..n).map(|k| rows[k * width + k]).fold(0.0, f64::max) * 1e-12;
+    // the diagonal of a row that was a pivot is set to 1 at the end, and to -1 meanwhile
+    for _ in 0..n {
+        let mut pivot = None;
+        let mut most = floor;
+        for k in 0..n {
+            if rows[k * width + k] > most {
+                most = rows[k * width + k];
+                pivot = Some(k);
+            }
+        }
+        let Some(k) = pivot else { break };
+        for c in 0..width {
+            if c != k {
+                rows[k * width + c] /= most;
+            }
+        }
+        for i in (0..n).filter(|&i| i != k) {
+            let factor = rows[i * width + k];
+            for c in (0..width).filter(|&c| c != k) {
+                rows[i * width + c] -= factor * rows[k * width + c];
+            }
+            rows[i * width + k] = 0.0;
+        }
+        rows[k * width + k] = -1.0;
+    }
+    for k in 0..n {
+        if rows[k * width + k] != -1.0 {
+            rows[k * width + n] = 0.0;
+        }
     }
 }
 
@@ -548,7 +594,13 @@ impl WithSimd for Error<'_> {
         let Self { ops, stride, error, .. } = self;
         error.fill(0.0);
         let values = ops.unknowns.next_multiple_of(PANEL) * stride;
-        panels_times(&ops.synthesis, ops.padded_rank, self.coefficients, stride, &mut error[..values]);
+        panels_times(
+            &ops.synthesis,
+            ops.padded_rank,
+            self.coefficients,
+            stride,
+            &mut error[..values],
+        );
         for (p, row) in error.chunks_exact_mut(stride).take(ops.unknowns).enumerate() {
             for (r, value) in ops.divergence.row(p) {
                 add_scaled(value, &self.dual[r * stride..][..stride], row);
@@ -618,8 +670,7 @@ impl WithSimd for Excess<'_> {
             worst = worst.max(square.sqrt() / (self.lambda_space * ops.radius[group]));
         }
         for (p, row) in self.time_dual.chunks_exact(stride).take(ops.unknowns).enumerate() {
-            let largest =
-                row[..frames].iter().fold(0.0_f64, |m, q| m.max(q.abs()));
+            let largest = row[..frames].iter().fold(0.0_f64, |m, q| m.max(q.abs()));
             if largest > 0.0 {
                 worst = worst.max(largest / (self.lambda_time * ops.time_radius[p]));
             }

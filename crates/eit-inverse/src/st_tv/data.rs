@@ -183,7 +183,8 @@ impl Mode {
     /// Is it the mode of a frame with these good channels?
     pub(crate) fn fits(&self, compression: &Compression, good: &[bool]) -> bool {
         let channels = self.masked.iter().zip(good).zip(&compression.root_weights);
-        self.good > 0 && channels.into_iter().all(|((masked, good), w)| *w == 0.0 || *masked != *good)
+        self.good > 0
+            && channels.into_iter().all(|((masked, good), w)| *w == 0.0 || *masked != *good)
     }
 
     /// Sets the mode to one with masked channels. Allocates nothing in a mode with room.
@@ -297,12 +298,10 @@ impl Target {
         coefficients: &mut [f64],
         whitened: &mut [f64],
     ) {
-        let mut total = 0.0;
         for (i, value) in whitened.iter_mut().enumerate() {
             let weight = compression.root_weights[i];
             // masked values may be NaN
             *value = if mode.masked[i] || weight == 0.0 { 0.0 } else { weight * dv(i) };
-            total += *value * *value;
         }
         for (k, c) in coefficients.iter_mut().enumerate() {
             let column = compression.left.col(k);
@@ -318,8 +317,23 @@ impl Target {
                 *value = if *s > 0.0 { *value / s } else { 0.0 };
             }
         }
-        let explained: f64 = self.values.iter().map(|v| v * v).sum();
-        self.rest_squared = (total - explained).max(0.0);
+        // what is left, value by value: a difference of squares would leave the root of rounding
+        if mode.rotation.is_empty() {
+            coefficients.copy_from_slice(&self.values);
+        } else {
+            for (value, s) in self.values.iter_mut().zip(&mode.singular) {
+                *value = if *s > 0.0 { *value / s } else { 0.0 };
+            }
+            mode.rotate_back(&self.values, coefficients);
+            coefficients.iter_mut().zip(&compression.singular).for_each(|(c, s)| *c *= s);
+            self.values.iter_mut().zip(&mode.singular).for_each(|(v, s)| *v *= s);
+        }
+        for (k, c) in coefficients.iter().enumerate() {
+            let column = compression.left.col(k);
+            whitened.iter_mut().zip(column.iter()).for_each(|(w, u)| *w -= c * u);
+        }
+        let rest = whitened.iter().zip(&mode.masked).filter(|(_, masked)| !**masked);
+        self.rest_squared = rest.map(|(w, _)| w * w).sum();
     }
 }
 
@@ -337,22 +351,17 @@ impl MovieData {
         compression: &Compression,
         frames: &Differences<'_>,
     ) -> Result<Self, InverseError> {
-        check_length(
-            "columns of differences",
-            frames.values.ncols(),
-            compression.measurements,
-        )?;
+        check_length("columns of differences", frames.values.ncols(), compression.measurements)?;
         let rank = compression.rank();
         let mut modes = vec![Mode::full(compression)];
         let (mut mode_of, mut targets) = (Vec::new(), Vec::new());
         let mut scratch = None;
         let (mut coefficients, mut whitened) = (vec![0.0; rank], vec![0.0; frames.values.ncols()]);
         for frame in 0..frames.values.nrows() {
-            let masked = |i: usize| {
-                compression.root_weights[i] > 0.0 && !frames.is_good(frame, i)
-            };
-            let known =
-                modes.iter().position(|m| m.masked.iter().enumerate().all(|(i, &b)| b == masked(i)));
+            let masked = |i: usize| compression.root_weights[i] > 0.0 && !frames.is_good(frame, i);
+            let known = modes
+                .iter()
+                .position(|m| m.masked.iter().enumerate().all(|(i, &b)| b == masked(i)));
             let index = match known {
                 Some(index) => index,
                 None => {
@@ -372,4 +381,3 @@ impl MovieData {
         Ok(Self { modes, mode_of, targets })
     }
 }
-

@@ -65,6 +65,9 @@ pub(crate) struct State<T> {
     coefficients: Vec<T>,
     /// 1 for frames whose change to the next one counts, `[stride]`.
     links: Vec<T>,
+    /// 1 for frames, 0 for padding, which has no bounds: it would leave zero where they exclude it,
+    /// `[stride]`.
+    present: Vec<T>,
 }
 
 impl<T: Scalar> State<T> {
@@ -85,6 +88,7 @@ impl<T: Scalar> State<T> {
             candidate: vec![zero; values],
             coefficients: vec![zero; ops.padded_rank * stride],
             links,
+            present: (0..stride).map(|t| T::from_f64(if t < frames { 1.0 } else { 0.0 })).collect(),
         }
     }
 
@@ -268,14 +272,22 @@ impl<T: Scalar> WithSimd for Ascend<'_, T> {
             let own = first * stride..(first + count.next_multiple_of(PANEL)) * stride;
             let synthesis = &ops.synthesis[first / PANEL * rank..];
             let synthesis = &synthesis[..count.div_ceil(PANEL) * rank];
-            panels_times(synthesis, rank, &state.coefficients, stride, &mut state.work[own.clone()]);
+            panels_times(
+                synthesis,
+                rank,
+                &state.coefficients,
+                stride,
+                &mut state.work[own.clone()],
+            );
             if keep {
                 state.candidate[own.clone()].copy_from_slice(&state.work[own.clone()]);
             }
             extrapolate(&mut state.image[own.clone()], &mut state.work[own.clone()], steps.rho);
             if let Some(bounds) = steps.bounds {
-                let duals = &mut state.bound_dual[own.clone()];
-                bound_step(duals, &state.work[own], steps.sigma, bounds, steps.rho);
+                let duals = state.bound_dual[own.clone()].chunks_exact_mut(stride);
+                for (duals, row) in duals.zip(state.work[own].chunks_exact(stride)) {
+                    bound_step(duals, row, &state.present, steps.sigma, bounds, steps.rho);
+                }
             }
             if !state.time_dual.is_empty() {
                 for p in first..first + count {
@@ -312,14 +324,22 @@ fn extrapolate<T: Scalar>(image: &mut [T], block: &mut [T], rho: T) {
 }
 
 #[inline(always)]
-fn bound_step<T: Scalar>(duals: &mut [T], block: &[T], sigma: T, bounds: [T; 2], rho: T) {
+fn bound_step<T: Scalar>(
+    duals: &mut [T],
+    row: &[T],
+    present: &[T],
+    sigma: T,
+    bounds: [T; 2],
+    rho: T,
+) {
     let duals = duals.as_chunks_mut::<LANES>().0;
-    for (p, b) in duals.iter_mut().zip(block.as_chunks::<LANES>().0) {
+    let rows = row.as_chunks::<LANES>().0.iter().zip(present.as_chunks::<LANES>().0);
+    for (p, (b, present)) in duals.iter_mut().zip(rows) {
         *p = lanes(|l| {
             let up = sigma.mul_add(b[l], p[l]);
             // zero between the bounds, without dividing by sigma
             let new = (up - sigma * bounds[1]).max((up - sigma * bounds[0]).min(T::default()));
-            rho.mul_add(new - p[l], p[l])
+            present[l] * rho.mul_add(new - p[l], p[l])
         });
     }
 }
@@ -382,9 +402,8 @@ fn pair_step<T: Scalar, const L: usize>(
         let norm = up_a[l].mul_add(up_a[l], up_b[l] * up_b[l]).sqrt();
         radius / norm.max(radius)
     });
-    let relax = |up: [T; L], old: [T; L]| {
-        lanes(|l| steps.rho.mul_add(up[l] * shrink[l] - old[l], old[l]))
-    };
+    let relax =
+        |up: [T; L], old: [T; L]| lanes(|l| steps.rho.mul_add(up[l] * shrink[l] - old[l], old[l]));
     put::<T, L>(&mut state.dual, at, relax(up_a, a));
     put::<T, L>(&mut state.dual, at + stride, relax(up_b, b));
 }

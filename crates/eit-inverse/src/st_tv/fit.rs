@@ -17,11 +17,10 @@ pub(crate) struct Fit<'a> {
     pub(crate) tau: f64,
 }
 
-/// Share of its radius that a data constraint is drawn in by, so that rounding and the clip to the
-/// bounds leave the image feasible. It costs about as much of the objective: a fiftieth of the gap
-/// that is asked for, but not less than the rounding of the iteration.
-pub(crate) fn margin(target_gap: f64, rounding: f64) -> f64 {
-    (0.02 * target_gap).clamp(1e3 * rounding, 0.01)
+/// Share of its radius that a data constraint is drawn in by, so that the rounding of the iteration
+/// leaves the image feasible.
+pub(crate) fn margin(rounding: f64) -> f64 {
+    1e3 * rounding
 }
 
 /// Newton steps for the multiplier of a data constraint: it converges from below in fewer.

@@ -42,8 +42,10 @@ pub(crate) fn panels_times<T: Scalar>(
             };
         }
     }
-    for (a, out) in
-        panels.remainder().chunks_exact(depth).zip(outs.into_remainder().chunks_exact_mut(PANEL * stride))
+    for (a, out) in panels
+        .remainder()
+        .chunks_exact(depth)
+        .zip(outs.into_remainder().chunks_exact_mut(PANEL * stride))
     {
         for offset in (0..stride).step_by(LANES) {
             panel_times::<T, LANES>(a, x, stride, offset, out);

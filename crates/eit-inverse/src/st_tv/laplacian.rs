@@ -4,6 +4,7 @@
 use super::kernel::LANES;
 use super::operators::Rows;
 use crate::InverseError;
+use faer::Par;
 use faer::Side;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::SupernodalThreshold;
@@ -11,7 +12,6 @@ use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMat, Triplet};
-use faer::Par;
 use pulp::{Arch, Simd, WithSimd};
 
 /// `L L'` of `D' D` with one unknown of each part pinned, by columns of `L`.

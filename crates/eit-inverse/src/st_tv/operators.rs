@@ -116,8 +116,7 @@ impl<T: Scalar> Operators<T> {
         }
         let mut synthesis = Vec::with_capacity(unknowns.next_multiple_of(PANEL) * padded_rank);
         for p in (0..unknowns).step_by(PANEL) {
-            synthesis
-                .extend((0..padded_rank).map(|k| std::array::from_fn(|r| entry(p + r, k))));
+            synthesis.extend((0..padded_rank).map(|k| std::array::from_fn(|r| entry(p + r, k))));
         }
         let (rows, sizes) = scaled_rows(gradient);
         let mut transposed = vec![Vec::new(); unknowns];
@@ -146,7 +145,6 @@ impl<T: Scalar> Operators<T> {
             norm_squared,
         }
     }
-
 }
 
 /// Rows divided by the size of their group, and the sizes: half the largest sum of absolute values

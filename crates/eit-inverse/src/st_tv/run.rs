@@ -8,7 +8,7 @@ use super::scalar::Scalar;
 use super::settings::Stop;
 use super::step;
 use super::task::Task;
-use crate::{Movie, MovieStatus};
+use crate::{Movie, MovieStatus, TracePoint};
 use std::time::Instant;
 
 /// Step of the run that finds feasible dual variables, relative to that of the image. Between 30
@@ -29,6 +29,9 @@ const CLOCK: usize = 4;
 /// Weights above this, in the solver's units, change no result but would overflow `f32`.
 const LARGEST_WEIGHT: f64 = 1e8;
 
+/// Gap that is rounding, in the solver's units, where data is 1.
+const SMALLEST_GAP: f64 = 1e-12;
+
 /// State of a solve.
 pub(crate) struct Run<'a, T> {
     task: &'a Task<'a>,
@@ -45,6 +48,7 @@ pub(crate) struct Run<'a, T> {
     done: usize,
     total: usize,
     best: Best,
+    trace: Vec<TracePoint>,
     start: Instant,
 }
 
@@ -57,6 +61,15 @@ struct Best {
 }
 
 impl Best {
+    /// Keeps the image of an evaluation if it is better.
+    fn take(&mut self, primal: f64, evaluation: &Evaluation) {
+        if primal < self.primal {
+            self.primal = primal;
+            self.images.copy_from_slice(&evaluation.image);
+            self.residual.copy_from_slice(&evaluation.residual);
+        }
+    }
+
     fn gap(&self) -> f64 {
         match self.primal - self.lower_bound {
             gap if gap <= 0.0 => 0.0,
@@ -73,7 +86,7 @@ struct Limits {
 }
 
 impl<'a, T: Scalar> Run<'a, T> {
-    pub(crate) fn new(task: &'a Task<'a>, ops: &'a Operators<T>, target_gap: f64, start: Instant) -> Self {
+    pub(crate) fn new(task: &'a Task<'a>, ops: &'a Operators<T>, start: Instant) -> Self {
         let image = State::new(ops, task.frames, task.linked(), task.bounds.is_some());
         let evaluation = Evaluation::new(&task.solver.double, &image, &task.solver.parts);
         let rank = task.solver.rank();
@@ -93,10 +106,11 @@ impl<'a, T: Scalar> Run<'a, T> {
             evaluation,
             columns,
             first_step: 1.0,
-            margin: margin(target_gap, T::EPSILON),
+            margin: margin(T::EPSILON),
             done: 0,
             total: 0,
             best,
+            trace: Vec::new(),
             start,
         };
         if let Some(step) = step::guess(&task.problem(), ops, &this.image) {
@@ -110,12 +124,17 @@ impl<'a, T: Scalar> Run<'a, T> {
         let deadline = stop.deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
         let limits = Limits { iterations: stop.max_iterations, seconds: deadline };
         self.try_constant();
+        self.note();
         let mut look = FIRST_LOOK;
         let mut last = f64::INFINITY;
         let mut next_proof = 0;
         let status = loop {
             if self.best.gap() <= stop.target_gap {
                 break MovieStatus::Converged;
+            }
+            // where the optimum is zero no relative gap can be reached
+            if self.best.primal - self.best.lower_bound <= SMALLEST_GAP {
+                break MovieStatus::Stalled;
             }
             if let Some(status) = self.over(limits) {
                 break status;
@@ -136,12 +155,22 @@ impl<'a, T: Scalar> Run<'a, T> {
                 self.prove(count, limits, stop.target_gap);
                 next_proof = (self.done as f64 * GROWTH) as usize;
             }
+            self.note();
             look = (self.done as f64 * GROWTH) as usize;
         };
-        let values = [self.best.primal, self.best.lower_bound];
         let (images, residual) = (&self.best.images, &self.best.residual);
-        let end = (status, self.total, self.start);
-        self.task.movie(images, self.image.stride, residual, values, end)
+        let end = (status, self.start);
+        self.task.movie(images, self.image.stride, residual, &self.trace, end)
+    }
+
+    /// Notes what is known now.
+    fn note(&mut self) {
+        self.trace.push(TracePoint {
+            seconds: self.start.elapsed().as_secs_f64(),
+            iterations: self.total,
+            primal: self.best.primal,
+            lower_bound: self.best.lower_bound,
+        });
     }
 
     fn over(&self, limits: Limits) -> Option<MovieStatus> {
@@ -192,11 +221,14 @@ impl<'a, T: Scalar> Run<'a, T> {
             let ending = k + 1 == count
                 || (self.total + 1) >= limits.iterations
                 || (k.is_multiple_of(CLOCK) && self.over(limits).is_some());
-            self.iterate(Which::Proof, step, false);
+            self.iterate(Which::Proof, step, k == look || ending);
             self.total += 1;
             if k == look || ending {
                 let bound = self.evaluation.lower_bound(arch, &problem, &self.proof);
                 self.best.lower_bound = self.best.lower_bound.max(bound);
+                // where few measurements bind the image, large steps also find it sooner
+                let primal = self.evaluation.primal(arch, &problem, &self.proof);
+                self.best.take(primal, &self.evaluation);
                 look = (k as f64 * GROWTH) as usize;
                 if ending || self.best.gap() <= target {
                     break;
@@ -209,11 +241,7 @@ impl<'a, T: Scalar> Run<'a, T> {
     fn keep_image(&mut self) -> f64 {
         let problem = self.task.problem();
         let primal = self.evaluation.primal(self.task.solver.arch, &problem, &self.image);
-        if primal < self.best.primal {
-            self.best.primal = primal;
-            self.best.images.copy_from_slice(&self.evaluation.image);
-            self.best.residual.copy_from_slice(&self.evaluation.residual);
-        }
+        self.best.take(primal, &self.evaluation);
         primal
     }
 
@@ -235,18 +263,27 @@ impl<'a, T: Scalar> Run<'a, T> {
     fn try_constant(&mut self) {
         let task = self.task;
         let parts = &task.solver.parts;
-        let values = self.constant_values();
+        // one constant for all frames, or one each where nothing links them
+        let count = if task.linked() { task.frames } else { 1 };
+        let mut values = Vec::new();
+        for first in (0..task.frames).step_by(count) {
+            let own = self.constant_values(first..first + count);
+            values.extend(std::iter::repeat_n(own, count));
+        }
         for (p, &label) in parts.label.iter().enumerate() {
             let row = &mut self.image.candidate[p * self.image.stride..][..task.frames];
-            row.fill(T::from_f64(values[label as usize]));
+            for (x, values) in row.iter_mut().zip(&values) {
+                *x = T::from_f64(values[label as usize]);
+            }
         }
         self.keep_image();
         let rank = task.solver.rank();
         let [rotated, column] = &mut self.columns;
-        for frame in 0..task.frames {
-            let (mode, target) = (&task.data.modes[task.data.mode_of[frame]], &task.data.targets[frame]);
+        for (frame, values) in values.iter().enumerate() {
+            let (mode, target) =
+                (&task.data.modes[task.data.mode_of[frame]], &task.data.targets[frame]);
             column.fill(0.0);
-            for (sensitivity, value) in parts.sensitivity.iter().zip(&values) {
+            for (sensitivity, value) in parts.sensitivity.iter().zip(values) {
                 column.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
             }
             mode.rotate(column, rotated);
@@ -254,14 +291,13 @@ impl<'a, T: Scalar> Run<'a, T> {
             let terms = rotated.iter().zip(&mode.singular).zip(&target.values);
             own.iter_mut().zip(terms).for_each(|(y, ((u, s), b))| *y = s * u - b);
         }
-        let bound =
-            self.evaluation.lower_bound(task.solver.arch, &task.problem(), &self.image);
+        let bound = self.evaluation.lower_bound(task.solver.arch, &task.problem(), &self.image);
         self.best.lower_bound = self.best.lower_bound.max(bound);
     }
 
     /// Least squares value of each connected part, by sweeps over the parts: one part, the rule,
     /// needs one.
-    fn constant_values(&mut self) -> Vec<f64> {
+    fn constant_values(&mut self, range: std::ops::Range<usize>) -> Vec<f64> {
         let task = self.task;
         let parts = &task.solver.parts;
         let mut values = vec![0.0; parts.sizes.len()];
@@ -269,7 +305,8 @@ impl<'a, T: Scalar> Run<'a, T> {
         for _ in 0..sweeps {
             for part in 0..values.len() {
                 let (mut along, mut power) = (0.0, 0.0);
-                for (target, &mode) in task.data.targets.iter().zip(&task.data.mode_of) {
+                let targets = &task.data.targets[range.clone()];
+                for (target, &mode) in targets.iter().zip(&task.data.mode_of[range.clone()]) {
                     let mode = &task.data.modes[mode];
                     let [own, all] = &mut self.columns;
                     own.fill(0.0);

@@ -97,8 +97,8 @@ impl StTvSettings {
 /// When to stop: whichever comes first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stop {
-    /// Relative duality gap that is good enough, above zero. Below `1e-4` the iteration runs in
-    /// `f64` instead of `f32`.
+    /// Relative duality gap that is good enough, above zero. Below `1e-4`, and with data
+    /// constraints, the iteration runs in `f64` instead of `f32`.
     pub target_gap: f64,
     /// Time for the call. The certificate of what was reached by then is part of it.
     pub deadline: Option<Duration>,

@@ -485,7 +485,7 @@ impl StTvStream {
 
     /// Iterations of one of the runs; the last one keeps its image as the candidate.
     fn run(&mut self, count: usize, tau: f64, which: Which) {
-        let Self { solver, settings, window, evaluation, image, proof, scratch, .. } = self;
+        let Self { solver, window, evaluation, image, proof, scratch, .. } = self;
         let state = match which {
             Which::Image => image,
             Which::Proof => proof,
@@ -504,7 +504,7 @@ impl StTvStream {
             mode_of: &window.mode_of,
             targets: &window.targets,
             fidelity: window.terms(),
-            margin: margin(settings.target_gap, f64::from(f32::EPSILON)),
+            margin: margin(f64::from(f32::EPSILON)),
             tau,
         };
         let [column, rotated] = &mut scratch.columns;

@@ -4,7 +4,9 @@ use super::batch::StTv;
 use super::certificate::{Fidelity as Terms, Parts, Problem};
 use super::data::MovieData;
 use super::settings::Fidelity;
-use crate::{Certificate, Differences, Gradient, InverseError, Movie, MovieReport, MovieStatus};
+use crate::{
+    Certificate, Differences, Gradient, InverseError, Movie, MovieReport, MovieStatus, TracePoint,
+};
 use faer::MatRef;
 use ndarray::Array2;
 use std::time::Instant;
@@ -76,7 +78,11 @@ impl<'a> Task<'a> {
         }
         if !scale.is_finite() {
             let must = "below 1e150 in units of the noise";
-            return Err(InverseError::OutOfRange { quantity: "norm of the data", value: scale, must });
+            return Err(InverseError::OutOfRange {
+                quantity: "norm of the data",
+                value: scale,
+                must,
+            });
         }
         let one = if scale > 0.0 { scale } else { 1.0 };
         for target in &mut data.targets {
@@ -98,7 +104,7 @@ impl<'a> Task<'a> {
             lambda_time: lambda_time * weight,
             bounds: settings
                 .bounded()
-                .then(|| [settings.lower_s * per_image, settings.upper_s * per_image]),
+                .then_some([settings.lower_s * per_image, settings.upper_s * per_image]),
             scale,
             objective,
         })
@@ -146,6 +152,7 @@ impl<'a> Task<'a> {
                 seconds: start.elapsed().as_secs_f64(),
                 residual,
                 certificate: Some(Certificate { primal: value, lower_bound: value }),
+                trace: Vec::new(),
             },
         }
     }
@@ -154,15 +161,23 @@ impl<'a> Task<'a> {
         if self.linked() { "st-tv" } else { "tv" }
     }
 
-    /// A movie from images `[unknown][stride]` and values in these units.
+    /// A movie from images `[unknown][stride]` and a trace, in these units.
     pub(crate) fn movie(
         &self,
         images: &[f64],
         stride: usize,
         residual: &[f64],
-        [primal, lower_bound]: [f64; 2],
-        (status, iterations, start): (MovieStatus, usize, Instant),
+        trace: &[TracePoint],
+        (status, start): (MovieStatus, Instant),
     ) -> Movie {
+        let unit = self.objective;
+        let scaled = |point: &TracePoint| TracePoint {
+            primal: point.primal * unit,
+            lower_bound: point.lower_bound * unit,
+            ..*point
+        };
+        let trace: Vec<TracePoint> = trace.iter().map(scaled).collect();
+        let last = trace.last().copied();
         let per_image = self.scale / self.solver.unit;
         let [lower, upper] = [self.solver.settings.lower_s, self.solver.settings.upper_s];
         let unknowns = self.solver.unknowns();
@@ -175,13 +190,14 @@ impl<'a> Task<'a> {
             report: MovieReport {
                 method: self.name(),
                 status,
-                iterations,
+                iterations: last.map_or(0, |point| point.iterations),
                 seconds: start.elapsed().as_secs_f64(),
                 residual: residual.iter().map(|r| r * self.scale).collect(),
-                certificate: Some(Certificate {
-                    primal: primal * self.objective,
-                    lower_bound: lower_bound * self.objective,
+                certificate: last.map(|TracePoint { primal, lower_bound, .. }| Certificate {
+                    primal,
+                    lower_bound,
                 }),
+                trace,
             },
         }
     }

@@ -4,7 +4,7 @@ use super::kernel::LANES;
 use super::{Fidelity, StTv, Stop};
 use crate::data::check_positive;
 use crate::{Differences, InverseError};
-use ndarray::{Axis, ArrayView2};
+use ndarray::{ArrayView2, Axis};
 use std::time::Instant;
 
 /// Frames that the choice looks at.
@@ -185,7 +185,8 @@ impl StTv {
         let basis = &self.compression.basis;
         let values = ops.unknowns.next_multiple_of(super::operators::BLOCK) * LANES;
         let (mut solution, mut work) = (vec![0.0; values], vec![0.0; values]);
-        let means = |part: usize, k: usize| self.parts.sensitivity[part][k] / self.parts.sizes[part];
+        let means =
+            |part: usize, k: usize| self.parts.sensitivity[part][k] / self.parts.sizes[part];
         let mut sum = 0.0;
         for first in (0..ops.rank).step_by(LANES) {
             let columns = first..(first + LANES).min(ops.rank);
@@ -293,7 +294,8 @@ fn corner(curve: &[WeightPoint]) -> Option<f64> {
         .map(|p| [p.residual_norm.ln(), p.variation.ln(), p.lambda_space])
         .collect();
     let turn = |w: &[[f64; 3]]| {
-        let (a, b) = ([w[1][0] - w[0][0], w[1][1] - w[0][1]], [w[2][0] - w[1][0], w[2][1] - w[1][1]]);
+        let (a, b) =
+            ([w[1][0] - w[0][0], w[1][1] - w[0][1]], [w[2][0] - w[1][0], w[2][1] - w[1][1]]);
         let cross = a[0] * b[1] - a[1] * b[0];
         (cross.atan2(a[0] * b[0] + a[1] * b[1]), w[1][2])
     };

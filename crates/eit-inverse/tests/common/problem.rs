@@ -1,0 +1,217 @@
+//! Movies of small problems, and their objective written out.
+
+#![allow(dead_code, missing_docs, reason = "each test file uses its part")]
+#![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
+
+use eit_inverse::{
+    Differences, Fidelity, Gradient, InverseError, Movie, MovieStatus, StTv, StTvSettings, Stop,
+};
+use ndarray::{Array1, Array2};
+
+/// Everything that a solve reads.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    /// `[measurement, unknown]`.
+    pub jacobian: Array2<f64>,
+    pub gradient: Gradient,
+    pub settings: StTvSettings,
+    /// `[frame, measurement]`.
+    pub values: Array2<f64>,
+    /// `[frame, measurement]`.
+    pub good: Option<Array2<bool>>,
+}
+
+/// Objective of a movie: the data's part and the variation's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Objective {
+    pub data: f64,
+    pub variation: f64,
+}
+
+impl Problem {
+    pub fn new(jacobian: Array2<f64>, gradient: Gradient, values: Array2<f64>) -> Self {
+        Self { jacobian, gradient, settings: StTvSettings::default(), values, good: None }
+    }
+
+    pub fn with_weights(mut self, lambda_space: f64, lambda_time: f64) -> Self {
+        (self.settings.lambda_space, self.settings.lambda_time) = (lambda_space, lambda_time);
+        self
+    }
+
+    pub fn constrained(mut self, delta: f64) -> Self {
+        self.settings.fidelity = Fidelity::Constrained { delta };
+        self
+    }
+
+    pub fn differences(&self) -> Differences<'_> {
+        let good = self.good.as_ref().map(|good| good.view());
+        Differences { values: self.values.view(), good }
+    }
+
+    pub fn solver(&self) -> Result<StTv, InverseError> {
+        StTv::new(&self.jacobian, &self.gradient, self.settings.clone())
+    }
+
+    pub fn try_solve(&self, stop: &Stop) -> Result<Movie, InverseError> {
+        self.solver()?.solve(&self.differences(), stop)
+    }
+
+    pub fn solve(&self, stop: &Stop) -> Movie {
+        self.try_solve(stop).unwrap()
+    }
+
+    pub fn frames(&self) -> usize {
+        self.values.nrows()
+    }
+
+    /// `W^1/2` of a channel in a frame; 0 where it does not count.
+    pub fn root_weight(&self, frame: usize, measurement: usize) -> f64 {
+        let used = self.settings.used.as_ref().is_none_or(|used| used[measurement]);
+        let good = self.good.as_ref().is_none_or(|good| good[(frame, measurement)]);
+        match (used && good, &self.settings.noise_std) {
+            (false, _) => 0.0,
+            (true, None) => 1.0,
+            (true, Some(noise_std)) => 1.0 / noise_std[measurement],
+        }
+    }
+
+    /// `W^1/2 dv` of a frame, 0 where a channel does not count.
+    pub fn whitened(&self, frame: usize) -> Array1<f64> {
+        let value = |i: usize| match self.root_weight(frame, i) {
+            0.0 => 0.0,
+            weight => weight * self.values[(frame, i)],
+        };
+        Array1::from_shape_fn(self.values.ncols(), value)
+    }
+
+    /// `delta` of a frame: times the root of the share of its good channels.
+    pub fn radius(&self, frame: usize) -> Option<f64> {
+        let Fidelity::Constrained { delta } = self.settings.fidelity else { return None };
+        let count = self.values.ncols();
+        let good = (0..count).filter(|&i| self.root_weight(frame, i) > 0.0).count();
+        let used = match &self.settings.used {
+            Some(used) => used.iter().filter(|used| **used).count(),
+            None => count,
+        };
+        Some(delta * (good as f64 / used as f64).sqrt())
+    }
+
+    /// `|W^1/2 (J x_t - dv_t)|` of each frame.
+    pub fn residuals(&self, images: &Array2<f64>) -> Vec<f64> {
+        let one = |frame: usize| -> f64 {
+            let explained = self.jacobian.dot(&images.row(frame));
+            let data = self.whitened(frame);
+            let error = |i: usize| match self.root_weight(frame, i) {
+                0.0 => 0.0,
+                weight => weight * explained[i] - data[i],
+            };
+            (0..data.len()).map(|i| error(i).powi(2)).sum::<f64>().sqrt()
+        };
+        (0..self.frames()).map(one).collect()
+    }
+
+    /// The objective of a movie within the bounds.
+    pub fn objective(&self, images: &Array2<f64>) -> Objective {
+        let StTvSettings { lambda_space, lambda_time, fidelity, .. } = self.settings;
+        let data = match fidelity {
+            Fidelity::Constrained { .. } => 0.0,
+            _ => self.residuals(images).iter().map(|r| 0.5 * r * r).sum(),
+        };
+        let in_space = |image: ndarray::ArrayView1<'_, f64>| {
+            self.gradient.total_variation(&image.to_vec()).unwrap()
+        };
+        let space: f64 = images.rows().into_iter().map(in_space).sum();
+        let mut time = 0.0;
+        for (before, after) in images.rows().into_iter().zip(images.rows().into_iter().skip(1)) {
+            let areas = self.gradient.areas_m2();
+            time += before
+                .iter()
+                .zip(after)
+                .zip(areas)
+                .map(|((b, a), w)| w * (a - b).abs())
+                .sum::<f64>();
+        }
+        Objective { data, variation: lambda_space * space + lambda_time * time }
+    }
+
+    /// Half the squared whitened data: the objective of the zero movie of the penalised form, and
+    /// the size against which residuals are rounded.
+    pub fn size(&self) -> f64 {
+        (0..self.frames()).map(|t| 0.5 * self.whitened(t).mapv(|v| v * v).sum()).sum()
+    }
+
+    /// Rounding of the objective of a movie: of residuals, which are differences of values as large
+    /// as the data, and of differences of equal values.
+    pub fn rounding(&self, images: &Array2<f64>) -> f64 {
+        let StTvSettings { lambda_space, lambda_time, fidelity, .. } = self.settings;
+        let data = match fidelity {
+            Fidelity::Constrained { .. } => 0.0,
+            _ => self.size(),
+        };
+        let mut weights =
+            self.gradient.areas_m2().iter().map(|a| 2.0 * lambda_time * a).collect::<Vec<_>>();
+        for row in 0..self.gradient.rows() {
+            let (columns, values) = self.gradient.row(row);
+            columns
+                .iter()
+                .zip(values)
+                .for_each(|(&p, v)| weights[p as usize] += lambda_space * v.abs());
+        }
+        let frames = images.rows().into_iter();
+        let variation: f64 =
+            frames.map(|x| x.iter().zip(&weights).map(|(x, w)| w * x.abs()).sum::<f64>()).sum();
+        1e-13 * data + 1e-15 * variation
+    }
+
+    /// What every result owes: images within bounds to the last bit, report and objective equal to
+    /// those written out here, a gap that is not negative and not above the asked one where the
+    /// status says so.
+    pub fn check(&self, movie: &Movie, stop: &Stop) -> Result<(), String> {
+        let bounds = self.settings.lower_s..=self.settings.upper_s;
+        let ensure = |truth: bool, what: String| if truth { Ok(()) } else { Err(what) };
+        ensure(movie.images.iter().all(|x| x.is_finite() && bounds.contains(x)), "bounds".into())?;
+        let certificate = movie.report.certificate.ok_or("no certificate")?;
+        if certificate.primal == f64::INFINITY {
+            // no feasible image was found in time: possible with constraints alone
+            let unsolved = movie.report.status != MovieStatus::Converged;
+            return ensure(unsolved && self.radius(0).is_some(), "no primal value".into());
+        }
+        let Objective { data, variation } = self.objective(&movie.images);
+        let (found, wanted) = (certificate.primal, data + variation);
+        // rounding of sums, and of residuals as differences of values as large as the data
+        let floor = self.rounding(&movie.images);
+        ensure(
+            (found - wanted).abs() <= 1e-9 * wanted + floor,
+            format!("primal value {found:e}, images have {data:e} + {variation:e}"),
+        )?;
+        let root = (2.0 * self.size()).sqrt();
+        for (t, (found, wanted)) in
+            movie.report.residual.iter().zip(self.residuals(&movie.images)).enumerate()
+        {
+            // what no image explains is a difference of squares of up to 26 terms: the root of their
+            // rounding
+            ensure(
+                (found - wanted).abs() <= 1e-9 * wanted + 1e-7 * root,
+                format!("residual of frame {t} {found:e}, images have {wanted:e}"),
+            )?;
+            if let Some(delta) = self.radius(t) {
+                ensure(
+                    wanted <= delta * (1.0 + 1e-8) + 1e-13 * root,
+                    format!("residual of frame {t} {wanted:e} above delta {delta:e}"),
+                )?;
+            }
+        }
+        // a residual counts as feasible up to 1e-9 above its delta, where the objective is lower by
+        // that times the multiplier times delta, a few times the objective at most
+        let slack = if self.radius(0).is_some() { 1e-8 } else { 1e-12 };
+        ensure(
+            certificate.lower_bound <= certificate.primal * (1.0 + slack) + floor,
+            format!("bounds cross: {certificate:?}"),
+        )?;
+        ensure(
+            movie.report.status != MovieStatus::Converged
+                || certificate.relative_gap() <= stop.target_gap,
+            format!("gap {:e} is not the asked one", certificate.relative_gap()),
+        )
+    }
+}
