@@ -3,18 +3,26 @@
 //! Usage: `sttv [PIXELS...]` with PIXELS of 32 and 64. Prints one JSON object per problem: set-up,
 //! time of an iteration, and the times at which the primal objective was first known to be within
 //! 1e-2, 1e-3 and 1e-4 of the certified optimum (what the peers' script reports), and at which the
-//! solver's own certificate reached these gaps. Medians over repeated cold starts.
+//! solver's own certificate reached these gaps. Medians over repeated cold starts. Then a stream over
+//! the same skin: frames a second at a certified gap of 1e-2 on every frame.
 #![allow(clippy::print_stdout, reason = "the table is this program's output")]
 
 use benches::Result;
-use eit_inverse::{Differences, Gradient, StTv, StTvSettings, Stop};
+use eit_inverse::{Differences, Gradient, StTv, StTvSettings, StTvStream, Stop, StreamSettings};
 use fixtures::st_tv::{self, StTvProblem};
+use ndarray::Array1;
+use rand_distr::Distribution as _;
 use serde_json::{Map, Value, json};
 use std::time::Instant;
 
 /// Cold starts of each timing.
 const REPEATS: usize = 5;
 const GAPS: [f64; 3] = [1e-2, 1e-3, 1e-4];
+/// Frames of the stream, those of its beginning that are not counted, and frames a turn: the
+/// paper's finger takes 397.
+const STREAM: [usize; 3] = [60, 20, 397];
+/// Gap of every frame of the stream.
+const STREAM_GAP: f64 = 1e-2;
 
 fn main() -> Result<()> {
     let mut arguments: Vec<usize> = Vec::new();
@@ -85,6 +93,59 @@ fn time(pixels: usize, problem: &StTvProblem) -> Result<Value> {
         "primal_s": named(&mut primal),
         "certified_s": named(&mut certified),
         "certified_gap": reached,
+        "stream": stream(problem, &solver)?,
+    }))
+}
+
+/// Two touches that circle, with the problem's noise, through a window of 8 frames.
+fn stream(problem: &StTvProblem, solver: &StTv) -> Result<Value> {
+    let settings = StreamSettings { target_gap: STREAM_GAP, ..Default::default() };
+    let mut stream = StTvStream::new(solver.clone(), settings)?;
+    let noise_std = problem.noise_norm / (problem.values.len() as f64).sqrt();
+    let mut generator = rand_pcg::Pcg64Mcg::new(1);
+    let side = problem.mask.nrows() as f64;
+    let inside = problem.mask.indexed_iter().filter(|(_, inside)| **inside);
+    let place = |i: usize| (i as f64 + 0.5) / side * 2.0 - 1.0;
+    let pixels: Vec<[f64; 2]> = inside.map(|((i, j), _)| [place(j), place(i)]).collect();
+    let [count, warm_up, turn] = STREAM;
+    let (mut seconds, mut iterations, mut worst_gap) = (Vec::new(), 0, 0.0_f64);
+    for frame in 0..count {
+        let angle = frame as f64 / turn as f64 * std::f64::consts::TAU;
+        let touches = [[0.55, 0.15, 0.5, 0.0], [0.45, 0.12, 0.4, 2.0]];
+        let change = |p: &[f64; 2]| -> f64 {
+            let near = touches.iter().filter(|[radius, size, _, phase]| {
+                let (x, y) = (radius * (angle + phase).cos(), radius * (angle + phase).sin());
+                (p[0] - x).hypot(p[1] - y) < *size
+            });
+            near.map(|touch| touch[2]).sum()
+        };
+        let image: Array1<f64> = pixels.iter().map(change).collect();
+        let mut dv = problem.jacobian.dot(&image).to_vec();
+        for value in &mut dv {
+            let sample: f64 = rand_distr::StandardNormal.sample(&mut generator);
+            *value += noise_std * sample;
+        }
+        let step = stream.push(&dv, None)?;
+        if frame >= warm_up {
+            seconds.push(step.seconds);
+            iterations += step.iterations;
+            worst_gap = worst_gap.max(step.certificate.relative_gap());
+        }
+    }
+    let frames_per_s = seconds.len() as f64 / seconds.iter().sum::<f64>();
+    let mean = iterations as f64 / seconds.len() as f64;
+    seconds.sort_by(f64::total_cmp);
+    let quantile = |q: f64| seconds[((seconds.len() - 1) as f64 * q).round() as usize];
+    Ok(json!({
+        "window": settings.window,
+        "frames": seconds.len(),
+        "frames_per_s": frames_per_s,
+        "iterations": mean,
+        "worst_gap": worst_gap,
+        "p50_s": quantile(0.5),
+        "p95_s": quantile(0.95),
+        "p99_s": quantile(0.99),
+        "worst_s": quantile(1.0),
     }))
 }
 

@@ -187,7 +187,8 @@ fn a_lost_electrode_changes_the_data_not_the_sanity_of_the_image() {
     for (f, (a, b)) in part.iter().zip(&whole).enumerate() {
         assert!(a.iter().all(|v| v.is_finite()), "image {f}");
         // before the loss enters the window the two are the same
-        let most = if f + 2 < 12 { 0.0 } else { 0.35 };
+        // measured: 0.33 at most; half the image would be no image
+        let most = if f + 2 < 12 { 0.0 } else { 0.5 };
         assert!(distance(a, b) <= most, "image {f}: {}", distance(a, b));
     }
 }

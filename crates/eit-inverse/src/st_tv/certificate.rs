@@ -19,7 +19,7 @@
 
 use super::data::{Mode, Target};
 use super::engine::State;
-use super::kernel::{LANES, PANEL, add_scaled, panels_times};
+use super::kernel::{LANES, PANEL, add_row, add_scaled, block, lanes, panels_times};
 use super::laplacian::Laplacian;
 use super::operators::{BLOCK, Operators};
 use super::scalar::Scalar;
@@ -189,13 +189,18 @@ impl Evaluation {
         let (ops, stride) = (problem.ops, self.stride);
         self.dual.iter_mut().zip(&state.dual).for_each(|(d, s)| *d = s.to_f64());
         let components = ops.components;
-        for (group, rows) in self.dual.chunks_exact_mut(components * stride).enumerate() {
-            let radius = problem.lambda_space * ops.radius[group];
-            for t in 0..stride {
-                let norm =
-                    (0..components).map(|c| rows[c * stride + t].powi(2)).sum::<f64>().sqrt();
-                if norm > radius {
-                    (0..components).for_each(|c| rows[c * stride + t] *= radius / norm);
+        let groups = self.dual.chunks_exact_mut(components * stride).zip(&ops.radius);
+        for (rows, radius) in groups {
+            let radius = problem.lambda_space * radius;
+            let (first, second) = rows.split_at_mut(stride);
+            match components {
+                1 => first.iter_mut().for_each(|q| *q = q.clamp(-radius, radius)),
+                _ => {
+                    for (a, b) in first.iter_mut().zip(second) {
+                        let shrink = radius / (*a * *a + *b * *b).sqrt().max(radius);
+                        *a *= shrink;
+                        *b *= shrink;
+                    }
                 }
             }
         }
@@ -530,19 +535,17 @@ impl WithSimd for Variation<'_> {
     fn with_simd<S: Simd>(self, _: S) -> f64 {
         let Self { ops, x, stride, linked, .. } = self;
         let mut space = [0.0; LANES];
-        for group in 0..ops.groups.len() {
+        for (group, radius) in ops.groups.iter().zip(&ops.radius) {
             for offset in (0..stride).step_by(LANES) {
-                let mut square = [0.0; LANES];
-                for c in 0..ops.components {
-                    let d = row_difference(ops, group * ops.components + c, x, stride, offset);
-                    for l in 0..LANES {
-                        square[l] += d[l] * d[l];
-                    }
-                }
-                for l in 0..LANES {
-                    // padding frames are zero
-                    space[l] += ops.radius[group] * square[l].sqrt();
-                }
+                let rows =
+                    group.unknowns.map(|p| block::<_, LANES>(x, p as usize * stride + offset));
+                let [a, b] = group.weights.map(|w| {
+                    let first: [f64; LANES] = lanes(|l| w[0] * rows[0][l]);
+                    add_row(w[2], &rows[2], add_row(w[1], &rows[1], first))
+                });
+                // padding frames are constant
+                let norm: [f64; LANES] = lanes(|l| a[l].mul_add(a[l], b[l] * b[l]).sqrt());
+                space = add_row(*radius, &norm, space);
             }
         }
         let mut time = 0.0;
@@ -555,24 +558,6 @@ impl WithSimd for Variation<'_> {
         }
         self.lambda_space * space.iter().sum::<f64>() + self.lambda_time * time
     }
-}
-
-#[inline(always)]
-fn row_difference(
-    ops: &Operators<f64>,
-    row: usize,
-    x: &[f64],
-    stride: usize,
-    offset: usize,
-) -> [f64; LANES] {
-    let mut sum = [0.0; LANES];
-    for (p, value) in ops.gradient.row(row) {
-        let Some(x) = x[p * stride + offset..].first_chunk::<LANES>() else { continue };
-        for l in 0..LANES {
-            sum[l] += value * x[l];
-        }
-    }
-    sum
 }
 
 /// `A' y + D' q + D_t' q_t + p` from the coefficients of `A' y`.
