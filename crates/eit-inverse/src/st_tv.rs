@@ -3,12 +3,12 @@
 //! | file | holds |
 //! |---|---|
 //! | `batch` | [`StTv`]: set-up, whole sequences |
-//! | `stream` | [`StTvStream`]: a sliding window |
+//! | `stream`, `window` | [`StTvStream`]: a sliding window |
 //! | `weights` | weights and quiet frames from the noise |
 //! | `settings` | what a caller states |
 //! | `task`, `run` | one sequence in inner units; the two runs that find image and proof |
 //! | `engine`, `fit`, `step` | one iteration: total variation; exact data step; step sizes |
-//! | `certificate` | primal value and lower bound of any iterate |
+//! | `certificate`, `passes` | primal value and lower bound of any iterate |
 //! | `data`, `operators`, `laplacian` | what is computed once: compressed data, packed operators, a sparse factor |
 //! | `kernel`, `scalar` | inner loops along the frames, in `f32` or `f64` |
 
@@ -20,6 +20,7 @@ mod fit;
 mod kernel;
 mod laplacian;
 mod operators;
+mod passes;
 mod run;
 mod scalar;
 mod settings;
@@ -27,6 +28,7 @@ mod step;
 mod stream;
 mod task;
 mod weights;
+mod window;
 
 pub use batch::StTv;
 pub use settings::{Fidelity, StTvSettings, Stop};

@@ -1,5 +1,8 @@
 //! Primal value and rigorous dual lower bound of an iterate, in `f64`.
 //!
+//! Long because the steps of the bound, from an iterate's duals to a feasible point and its value, all
+//! work on one set of arrays; the passes over the unknowns are in `passes`.
+//!
 //! # The bound
 //! For any `y` (one vector a frame), `|q_g| <= lambda_space size_g`, `|q_t| <= lambda_time area` and
 //! `p` with `A' y + D' q + D_t' q_t + p = 0`, weak duality gives, for every image within bounds,
@@ -19,11 +22,11 @@
 
 use super::data::{Mode, Target};
 use super::engine::State;
-use super::kernel::{LANES, PANEL, add_row, add_scaled, block, lanes, panels_times};
 use super::laplacian::Laplacian;
 use super::operators::{BLOCK, Operators};
+use super::passes::{Analyse, Error, Excess, Subtract, Variation};
 use super::scalar::Scalar;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Arch;
 
 /// Whether the data is in the objective or in the constraints.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -490,176 +493,5 @@ fn solve_semidefinite(rows: &mut [f64], n: usize) {
 pub(crate) fn gather<T: Scalar>(values: &[T], stride: usize, frame: usize, column: &mut [f64]) {
     for (k, c) in column.iter_mut().enumerate() {
         *c = values[k * stride + frame].to_f64();
-    }
-}
-
-/// `V' x`.
-struct Analyse<'a> {
-    ops: &'a Operators<f64>,
-    x: &'a [f64],
-    stride: usize,
-    coefficients: &'a mut [f64],
-}
-
-impl WithSimd for Analyse<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { ops, x, stride, coefficients } = self;
-        coefficients.fill(0.0);
-        let panels = ops.padded_rank / PANEL;
-        for first in (0..ops.unknowns).step_by(BLOCK) {
-            let count = BLOCK.min(ops.unknowns - first);
-            let analysis = &ops.analysis[first * panels..][..count * panels];
-            let block = &x[first * stride..][..count * stride];
-            panels_times(analysis, count, block, stride, coefficients);
-        }
-    }
-}
-
-/// `lambda_space sum |D x|_2 + lambda_time sum |D_t x|`.
-struct Variation<'a> {
-    ops: &'a Operators<f64>,
-    x: &'a [f64],
-    stride: usize,
-    linked: &'a [bool],
-    lambda_space: f64,
-    lambda_time: f64,
-}
-
-impl WithSimd for Variation<'_> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> f64 {
-        let Self { ops, x, stride, linked, .. } = self;
-        let mut space = [0.0; LANES];
-        for (group, radius) in ops.groups.iter().zip(&ops.radius) {
-            for offset in (0..stride).step_by(LANES) {
-                let rows =
-                    group.unknowns.map(|p| block::<_, LANES>(x, p as usize * stride + offset));
-                let [a, b] = group.weights.map(|w| {
-                    let first: [f64; LANES] = lanes(|l| w[0] * rows[0][l]);
-                    add_row(w[2], &rows[2], add_row(w[1], &rows[1], first))
-                });
-                // padding frames are constant
-                let norm: [f64; LANES] = lanes(|l| a[l].mul_add(a[l], b[l] * b[l]).sqrt());
-                space = add_row(*radius, &norm, space);
-            }
-        }
-        let mut time = 0.0;
-        if linked.contains(&true) {
-            for (p, row) in x.chunks_exact(stride).take(ops.unknowns).enumerate() {
-                let changes = row.windows(2).zip(linked).filter(|(_, linked)| **linked);
-                let change: f64 = changes.map(|(w, _)| (w[1] - w[0]).abs()).sum();
-                time += ops.time_radius[p] * change;
-            }
-        }
-        self.lambda_space * space.iter().sum::<f64>() + self.lambda_time * time
-    }
-}
-
-/// `A' y + D' q + D_t' q_t + p` from the coefficients of `A' y`.
-struct Error<'a> {
-    ops: &'a Operators<f64>,
-    stride: usize,
-    coefficients: &'a [f64],
-    dual: &'a [f64],
-    time_dual: &'a [f64],
-    bound_dual: &'a [f64],
-    error: &'a mut [f64],
-}
-
-impl WithSimd for Error<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { ops, stride, error, .. } = self;
-        error.fill(0.0);
-        let values = ops.unknowns.next_multiple_of(PANEL) * stride;
-        panels_times(
-            &ops.synthesis,
-            ops.padded_rank,
-            self.coefficients,
-            stride,
-            &mut error[..values],
-        );
-        for (p, row) in error.chunks_exact_mut(stride).take(ops.unknowns).enumerate() {
-            for (r, value) in ops.divergence.row(p) {
-                add_scaled(value, &self.dual[r * stride..][..stride], row);
-            }
-            if !self.time_dual.is_empty() {
-                let q = &self.time_dual[p * stride..][..stride];
-                let mut before = 0.0;
-                for (e, q) in row.iter_mut().zip(q) {
-                    *e += before - q;
-                    before = *q;
-                }
-            }
-            if !self.bound_dual.is_empty() {
-                add_scaled(1.0, &self.bound_dual[p * stride..][..stride], row);
-            }
-        }
-    }
-}
-
-/// `q -= D z`.
-struct Subtract<'a> {
-    ops: &'a Operators<f64>,
-    stride: usize,
-    potential: &'a [f64],
-    dual: &'a mut [f64],
-}
-
-impl WithSimd for Subtract<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { ops, stride, potential, dual } = self;
-        for (r, row) in dual.chunks_exact_mut(stride).enumerate() {
-            for (p, value) in ops.gradient.row(r) {
-                add_scaled(-value, &potential[p * stride..][..stride], row);
-            }
-        }
-    }
-}
-
-/// Largest ratio of a dual to its radius; infinite where a dual of radius zero is not zero.
-struct Excess<'a> {
-    ops: &'a Operators<f64>,
-    stride: usize,
-    frames: usize,
-    dual: &'a [f64],
-    time_dual: &'a [f64],
-    lambda_space: f64,
-    lambda_time: f64,
-}
-
-impl WithSimd for Excess<'_> {
-    type Output = f64;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> f64 {
-        let Self { ops, stride, frames, .. } = self;
-        let components = ops.components;
-        let mut worst = 0.0_f64;
-        for (group, rows) in self.dual.chunks_exact(components * stride).enumerate() {
-            let mut square = 0.0_f64;
-            for t in 0..frames {
-                let sum: f64 = (0..components).map(|c| rows[c * stride + t].powi(2)).sum();
-                square = square.max(sum);
-            }
-            worst = worst.max(square.sqrt() / (self.lambda_space * ops.radius[group]));
-        }
-        for (p, row) in self.time_dual.chunks_exact(stride).take(ops.unknowns).enumerate() {
-            let largest = row[..frames].iter().fold(0.0_f64, |m, q| m.max(q.abs()));
-            if largest > 0.0 {
-                worst = worst.max(largest / (self.lambda_time * ops.time_radius[p]));
-            }
-        }
-        worst
     }
 }

@@ -19,6 +19,9 @@
 //! frames, padded to a multiple of 8) and about 14 passes over arrays of `n T` values. For
 //! 64 x 64 x 20 (`n` = 3228, `r` = 104) that is 26.9 Mflop and 3.6 MB in `f32`.
 //! docs/PERFORMANCE.md has the measured time against that floor.
+//!
+//! Long because both halves of the iteration and their element-wise steps share one layout, and are
+//! inlined into one function each.
 
 use super::kernel::{LANES, PANEL, add_row, block, for_blocks, lanes, panels_times, put};
 use super::operators::{BLOCK, Group, Operators};

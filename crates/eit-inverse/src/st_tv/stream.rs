@@ -1,11 +1,15 @@
 //! A sliding window over an endless sequence.
+//!
+//! Long because every event of a running instrument is a method of one type, and each must leave all
+//! of its arrays consistent.
 
-use super::certificate::{Evaluation, Fidelity as Terms, Problem};
+use super::certificate::Evaluation;
 use super::data::{Mode, ModeScratch, Target};
 use super::engine::{State, Steps};
 use super::fit::{Fit, margin};
 use super::settings::Fidelity;
 use super::step;
+use super::window::{Outcome, Which, Window};
 use super::{StTv, weights::quiet_threshold};
 use crate::data::{check_length, check_positive};
 use crate::{Certificate, InverseError, MovieStatus};
@@ -524,65 +528,6 @@ impl StTvStream {
         let problem = self.window.problem(&self.solver);
         if let Some(step) = measured.or_else(|| step::guess(&problem, ops, &self.image)) {
             self.step = WARM_STEP * step;
-        }
-    }
-}
-
-/// The two runs.
-#[derive(Debug, Clone, Copy)]
-enum Which {
-    Image,
-    Proof,
-}
-
-/// How the iteration of a push ended, in inner units.
-struct Outcome {
-    status: MovieStatus,
-    iterations: usize,
-    primal: f64,
-    lower_bound: f64,
-}
-
-impl Outcome {
-    fn gap(&self) -> f64 {
-        match self.primal - self.lower_bound {
-            gap if gap <= 0.0 => 0.0,
-            gap => gap / self.primal.abs(),
-        }
-    }
-}
-
-/// The window's data and weights in inner units.
-#[derive(Debug)]
-struct Window {
-    /// `[frame]`.
-    modes: Vec<Mode>,
-    mode_of: Vec<usize>,
-    targets: Vec<Target>,
-    /// Empty where the data is penalised.
-    delta: Vec<f64>,
-    weights: [f64; 2],
-    bounds: Option<[f64; 2]>,
-}
-
-impl Window {
-    fn terms(&self) -> Terms<'_> {
-        if self.delta.is_empty() { Terms::Penalised } else { Terms::Constrained(&self.delta) }
-    }
-
-    fn problem<'a>(&'a self, solver: &'a StTv) -> Problem<'a> {
-        let [lambda_space, lambda_time] = self.weights;
-        Problem {
-            ops: &solver.double,
-            laplacian: &solver.laplacian,
-            parts: &solver.parts,
-            modes: &self.modes,
-            mode_of: &self.mode_of,
-            targets: &self.targets,
-            fidelity: self.terms(),
-            lambda_space,
-            lambda_time,
-            bounds: self.bounds,
         }
     }
 }

@@ -1,0 +1,65 @@
+//! The window of a stream as the iteration and its evaluation see it.
+
+use super::StTv;
+use super::certificate::{Fidelity as Terms, Problem};
+use super::data::{Mode, Target};
+use crate::MovieStatus;
+
+/// The two runs.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Which {
+    Image,
+    Proof,
+}
+
+/// How the iteration of a push ended, in inner units.
+pub(super) struct Outcome {
+    pub(super) status: MovieStatus,
+    pub(super) iterations: usize,
+    pub(super) primal: f64,
+    pub(super) lower_bound: f64,
+}
+
+impl Outcome {
+    pub(super) fn gap(&self) -> f64 {
+        match self.primal - self.lower_bound {
+            gap if gap <= 0.0 => 0.0,
+            gap => gap / self.primal.abs(),
+        }
+    }
+}
+
+/// The window's data and weights in inner units.
+#[derive(Debug)]
+pub(super) struct Window {
+    /// `[frame]`.
+    pub(super) modes: Vec<Mode>,
+    pub(super) mode_of: Vec<usize>,
+    pub(super) targets: Vec<Target>,
+    /// Empty where the data is penalised.
+    pub(super) delta: Vec<f64>,
+    pub(super) weights: [f64; 2],
+    pub(super) bounds: Option<[f64; 2]>,
+}
+
+impl Window {
+    pub(super) fn terms(&self) -> Terms<'_> {
+        if self.delta.is_empty() { Terms::Penalised } else { Terms::Constrained(&self.delta) }
+    }
+
+    pub(super) fn problem<'a>(&'a self, solver: &'a StTv) -> Problem<'a> {
+        let [lambda_space, lambda_time] = self.weights;
+        Problem {
+            ops: &solver.double,
+            laplacian: &solver.laplacian,
+            parts: &solver.parts,
+            modes: &self.modes,
+            mode_of: &self.mode_of,
+            targets: &self.targets,
+            fidelity: self.terms(),
+            lambda_space,
+            lambda_time,
+            bounds: self.bounds,
+        }
+    }
+}
