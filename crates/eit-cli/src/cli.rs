@@ -16,7 +16,8 @@ use std::path::PathBuf;
         eit plan paper-disc --print-scene      a scene file to start from\n  \
         eit mesh paper-disc --out skin.png     look at the mesh\n  \
         eit forward paper-disc --out v.csv     voltages of the untouched skin\n  \
-        eit reconstruct my.toml --frames f.csv --reference 0 --out images\n\n\
+        eit reconstruct my.toml --frames f.csv --reference 0 --out images\n  \
+        eit report --quick                     compare every method on simulated touches\n\n\
         Exit codes: 0 done, 2 wrong usage or bad input, 1 failure."
 )]
 pub(crate) struct Cli {
@@ -46,10 +47,20 @@ pub(crate) enum Command {
     Jacobian(JacobianArgs),
     /// Turn recorded frames into images of the conductivity change.
     ///
+    /// State the noise in the scene ([noise] additive_v or quiet_frames) and the method is total
+    /// variation in space and time; without it one-step Gauss-Newton. `eit plan` says which and why.
+    ///
     /// Writes images.npy [frame, row, column] in siemens (row 0 at the top, NaN outside the
     /// skin), sheet.png, movie.gif for a sequence, and report.json. Formats of frames: .npy,
     /// .csv, Sciospec .eit folders, GOE .get, LCT text, KHU Mark2.5 scan folders, raw serial logs.
     Reconstruct(ReconstructArgs),
+    /// Compare every method on simulated touches: error against run time, or quality.
+    ///
+    /// Simulates soft and hard fingers on the built-in skin with a finer mesh and noise. Writes
+    /// error_bell.png, error_pad.png and gap.png (error and certified gap against time),
+    /// images.png, report.md and report.json; with --quality instead quality.md and quality.csv
+    /// (figures of merit over noise, speed and number of touches; some minutes).
+    Report(ReportArgs),
 }
 
 /// `eit demo`
@@ -65,9 +76,26 @@ pub(crate) struct DemoArgs {
 pub(crate) struct PlanArgs {
     /// Scene file or built-in scene.
     pub scene: String,
+    /// Plan for this method instead of the scene's; the names are those of `eit reconstruct`.
+    #[arg(long, value_name = "METHOD")]
+    pub method: Option<String>,
     /// Print the scene file itself instead, as a start for one's own.
     #[arg(long)]
     pub print_scene: bool,
+}
+
+/// `eit report`
+#[derive(Debug, Args)]
+pub(crate) struct ReportArgs {
+    /// Folder for the results.
+    #[arg(long, value_name = "DIR", default_value = "report-out")]
+    pub out: PathBuf,
+    /// Fewer frames, pixels and movies: seconds instead of minutes, as a check.
+    #[arg(long)]
+    pub quick: bool,
+    /// Figures of merit over noise, speed and touches instead of error against time.
+    #[arg(long)]
+    pub quality: bool,
 }
 
 /// `eit mesh`
@@ -128,8 +156,11 @@ pub(crate) struct ReconstructArgs {
     /// Reference: a frame number (from 0), "mean", "N..M" (mean of N to M-1), or a file.
     #[arg(long, value_name = "F|N|N..M|mean", allow_hyphen_values = true)]
     pub reference: Option<String>,
-    /// Method; this version has "gauss-newton" (one-step difference).
-    #[arg(long, value_name = "METHOD")]
+    /// Method instead of the scene's, or of the one that the scene calls for:
+    /// st-tv (total variation in space and time), tv (frame by frame),
+    /// gauss-newton (one-step difference), time-prior (the same with a prior in time),
+    /// kalman (smoother), gauss-newton-absolute (iterated on the non-linear model).
+    #[arg(long, value_name = "METHOD", verbatim_doc_comment)]
     pub method: Option<String>,
     /// Folder for the results.
     #[arg(long, value_name = "DIR")]

@@ -12,11 +12,13 @@ mod commands;
 mod draw;
 mod error;
 mod frames;
+mod method;
 mod output;
 mod picture;
 mod pipeline;
 mod progress;
 mod scene;
+mod simulate;
 
 use clap::Parser as _;
 use cli::{Cli, Command};
@@ -35,6 +37,7 @@ fn main() -> ExitCode {
         Command::Forward(args) => commands::forward::run(args),
         Command::Jacobian(args) => commands::jacobian::run(args),
         Command::Reconstruct(args) => commands::reconstruct::run(args),
+        Command::Report(args) => commands::report::run(args),
     };
     match result {
         Ok(answer) if cli.json => say(&answer.json.to_string()),

@@ -2,18 +2,21 @@
 //!
 //! Each stage is built only where a command needs it.
 
+pub(crate) mod imaging;
+pub(crate) mod noise;
+mod part;
+pub(crate) mod sequence;
+pub(crate) mod tv;
+
+pub(crate) use imaging::{Imaging, imaging};
+
 use crate::error::CliError;
-use crate::frames::Frames;
 use crate::progress::Progress;
-use crate::scene::{DifferenceKind, Hyperparameter, PriorKind, Rule, Scene};
-use eit_denoise::ImageStack;
+use crate::scene::{DifferenceKind, Scene};
 use eit_fem::{ForwardModel, Protocol, SolveReport};
-use eit_inverse::{
-    Chosen, Difference, DifferenceData, DifferenceSettings, Gaussian, GaussianSettings,
-    HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget, Noser, Prior, Tikhonov,
-};
+use eit_inverse::DifferenceData;
 use eit_mesh::{Mesh, Raster};
-use ndarray::{Array1, Array2, ArrayView1, Axis};
+use ndarray::{Array1, Array2};
 
 /// Pixels along the longer side where the scene states none: a disc of 64 has 3 200 pixels, ten
 /// times more than 208 measurements can tell apart.
@@ -45,20 +48,6 @@ pub(crate) struct Linearised {
     pub report: SolveReport,
     /// What rounding may have cost, where that is worth saying.
     pub warning: Option<String>,
-}
-
-/// A reconstruction ready for frames.
-pub(crate) struct Imaging {
-    /// On elements.
-    pub difference: Difference,
-    /// How the hyperparameter was chosen.
-    pub chosen: Chosen,
-    /// The rule in words.
-    pub rule: String,
-    /// Pixels of the pictures.
-    pub raster: Raster,
-    /// Plain or normalised.
-    pub kind: DifferenceKind,
 }
 
 /// Mesh, protocol and forward model of a scene; `mesh_file` and `nodes` override the scene's mesh.
@@ -140,150 +129,36 @@ pub(crate) fn certain(report: &SolveReport) -> Result<Option<String>, CliError> 
     }))
 }
 
-/// The scene's prior.
-fn prior(scene: &Scene, setup: &Setup) -> Result<Box<dyn Prior>, CliError> {
-    let surface = setup.mesh.surface();
-    let length = scene.reconstruction.correlation_length_m;
-    Ok(match scene.reconstruction.prior.unwrap_or(PriorKind::Laplace) {
-        PriorKind::Tikhonov => Box::new(Tikhonov::new(surface)),
-        PriorKind::Noser => Box::new(Noser::default()),
-        PriorKind::Laplace => {
-            let settings = LaplaceSettings { correlation_length_m: length };
-            Box::new(Laplace::new(surface, &settings)?)
-        }
-        PriorKind::Gaussian => {
-            Box::new(Gaussian::new(surface, &GaussianSettings { length_m: length })?)
-        }
-    })
-}
-
-/// Computes the reconstruction of a scene for frames.
-pub(crate) fn imaging(
-    scene: &Scene,
-    setup: &Setup,
-    linearised: &Linearised,
-    frames: &Frames,
-    progress: &mut Progress,
-) -> Result<Imaging, CliError> {
-    let kind = scene.difference_kind(&setup.protocol);
-    let data = match kind {
+/// What is subtracted and divided by, for the methods that take the Jacobian of elements.
+pub(crate) fn difference_data(kind: DifferenceKind, linearised: &Linearised) -> DifferenceData {
+    match kind {
         DifferenceKind::Plain => DifferenceData::Plain,
         DifferenceKind::Normalised => {
             DifferenceData::Normalised { model_voltages_v: linearised.voltages.to_vec() }
         }
-    };
-    let additive = scene.noise.additive_v.map(|e| vec![e; setup.protocol.measurements()]);
-    let noise_std = additive.map(|noise_std_v| data.noise_std(&noise_std_v)).transpose()?;
-    let settings = DifferenceSettings {
-        data,
-        noise_std,
-        used: Some(frames.used.clone()),
-        ..Default::default()
-    };
-    let prior = prior(scene, setup)?;
-    let mut difference = progress.stage("reconstruction matrix", || {
-        Difference::new(&linearised.jacobian, prior.as_ref(), settings)
-    })?;
-    let (chosen, rule) = progress
-        .stage("hyperparameter", || choose(scene, setup, linearised, frames, &mut difference))?;
-    let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
-    let raster = progress.stage("raster", || Raster::new(setup.mesh.surface(), pixels))?;
-    Ok(Imaging { difference, chosen, rule, raster, kind })
+    }
 }
 
-fn choose(
+/// The pixels of the scene's pictures.
+pub(crate) fn raster(
     scene: &Scene,
     setup: &Setup,
-    linearised: &Linearised,
-    frames: &Frames,
-    difference: &mut Difference,
-) -> Result<(Chosen, String), CliError> {
-    let keys = &scene.reconstruction;
-    let target;
-    let figure = keys.noise_figure.unwrap_or(DEFAULT_NOISE_FIGURE);
-    let default = Hyperparameter::Rule(Rule::NoiseFigure);
-    let clean = frames.clean();
-    let needs_data =
-        matches!(keys.hyperparameter, Some(Hyperparameter::Rule(Rule::LCurve | Rule::Gcv)));
-    if needs_data && clean.is_empty() {
-        return Err(CliError::input(
-            "the hyperparameter is chosen from the data, but no frame is good in every used \
-             measurement: take hyperparameter = \"noise-figure\" or a number",
-        ));
-    }
-    let values = frames.values.select(Axis(0), &clean);
-    let (values, reference_frame) = (values.view(), frames.reference.as_slice());
-    let (choice, words) = match keys.hyperparameter.as_ref().unwrap_or(&default) {
-        Hyperparameter::Value(value) => {
-            (HyperparameterChoice::Fixed(*value), "fixed by the scene".to_owned())
-        }
-        Hyperparameter::Rule(Rule::NoiseFigure) => {
-            target = NoiseTarget::central(setup.mesh.surface(), &linearised.jacobian)?;
-            let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
-            (choice, format!("noise figure {figure}"))
-        }
-        Hyperparameter::Rule(Rule::LCurve) => {
-            (HyperparameterChoice::LCurve { frames: values, reference_frame }, "L-curve".into())
-        }
-        Hyperparameter::Rule(Rule::Gcv) => (
-            HyperparameterChoice::Gcv { frames: values, reference_frame },
-            "generalised cross-validation".into(),
-        ),
-    };
-    Ok((difference.choose_hyperparameter(&choice)?, words))
+    progress: &mut Progress,
+) -> Result<Raster, CliError> {
+    let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
+    Ok(progress.stage("raster", || Raster::new(setup.mesh.surface(), pixels))?)
 }
 
-impl Imaging {
-    /// Images [frame, row, column] in siemens, NaN outside the skin.
-    ///
-    /// Frames with bad values among the used measurements are reconstructed without them.
-    pub fn images(&self, frames: &Frames, progress: &mut Progress) -> Result<ImageStack, CliError> {
-        let count = frames.values.nrows();
-        let bytes = 8.0 * count as f64 * (self.raster.pixels() as f64).powi(2);
-        if bytes > MOST_BYTES {
-            return Err(CliError::input(format!(
-                "{count} images of {0} x {0} pixels take {1:.0} GB: use fewer [reconstruction] \
-                 pixels or fewer frames",
-                self.raster.pixels(),
-                1e-9 * bytes
-            )));
-        }
-        progress.steps("images", count, |bar| {
-            let reconstructor = self.difference.on_raster(self.raster.pixel_from_element())?;
-            let mut pixels = Array2::zeros((count, self.raster.masked_pixels().len()));
-            let clean = frames.clean();
-            let values = frames.values.select(Axis(0), &clean);
-            let found = reconstructor.reconstruct_frames(values.view(), &frames.reference)?;
-            for (row, frame) in found.rows().into_iter().zip(&clean) {
-                pixels.row_mut(*frame).assign(&row);
-            }
-            bar.set_position(clean.len() as u64);
-            let mut workspace = reconstructor.workspace();
-            let mut image = vec![0.0; reconstructor.image_len()];
-            for frame in (0..count).filter(|frame| clean.binary_search(frame).is_err()) {
-                let bad: Vec<usize> =
-                    (0..frames.used.len()).filter(|&i| !frames.good[[frame, i]]).collect();
-                let values = frames.values.row(frame).to_vec();
-                let (reference, memory) = (&frames.reference, &mut workspace);
-                reconstructor
-                    .reconstruct_without_into(&values, reference, &bad, memory, &mut image)
-                    .map_err(|e| CliError::from(e).within(&format!("frame {frame}")))?;
-                pixels.row_mut(frame).assign(&ArrayView1::from(&image));
-                bar.inc(1);
-            }
-            let images = self.raster.images_from_pixels(pixels.view())?;
-            Ok(ImageStack::new(images, self.raster.mask().clone())?)
-        })
+/// Refuses more images than memory holds.
+pub(crate) fn check_images(count: usize, raster: &Raster) -> Result<(), CliError> {
+    let bytes = 8.0 * count as f64 * (raster.pixels() as f64).powi(2);
+    if bytes > MOST_BYTES {
+        return Err(CliError::input(format!(
+            "{count} images of {0} x {0} pixels take {1:.0} GB: use fewer [reconstruction] \
+             pixels or fewer frames",
+            raster.pixels(),
+            1e-9 * bytes
+        )));
     }
-
-    /// Part of each frame's difference that its image leaves unexplained, 0 to 1; `None` where the
-    /// frame has bad values or does not differ from the reference.
-    pub fn residuals(&self, frames: &Frames) -> Result<Vec<Option<f64>>, CliError> {
-        let mut residuals = vec![None; frames.values.nrows()];
-        for frame in frames.clean() {
-            let values = frames.values.row(frame).to_vec();
-            residuals[frame] = self.difference.relative_residual(&values, &frames.reference)?;
-        }
-        Ok(residuals)
-    }
+    Ok(())
 }

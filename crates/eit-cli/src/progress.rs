@@ -17,9 +17,15 @@ pub(crate) struct StageTime {
 #[derive(Default)]
 pub(crate) struct Progress {
     times: Vec<StageTime>,
+    silent: bool,
 }
 
 impl Progress {
+    /// Shows nothing: for the parts of work that has a bar of its own.
+    pub fn silent() -> Self {
+        Self { silent: true, ..Self::default() }
+    }
+
     /// Runs a stage without inner steps.
     pub fn stage<T, E>(
         &mut self,
@@ -37,8 +43,11 @@ impl Progress {
         work: impl FnOnce(&ProgressBar) -> Result<T, E>,
     ) -> Result<T, E> {
         // draws to stderr, and only if that is a terminal
-        let bar =
-            if steps > 0 { ProgressBar::new(steps as u64) } else { ProgressBar::new_spinner() };
+        let bar = match (self.silent, steps) {
+            (true, _) => ProgressBar::hidden(),
+            (false, 0) => ProgressBar::new_spinner(),
+            (false, steps) => ProgressBar::new(steps as u64),
+        };
         let template = if steps > 0 {
             "{spinner} {msg:<28} {wide_bar} {pos}/{len} {eta}"
         } else {
@@ -48,7 +57,9 @@ impl Progress {
             bar.set_style(style);
         }
         bar.set_message(stage);
-        bar.enable_steady_tick(Duration::from_millis(100));
+        if !self.silent {
+            bar.enable_steady_tick(Duration::from_millis(100));
+        }
         let start = Instant::now();
         let result = work(&bar);
         self.times.push(StageTime { stage, time_s: start.elapsed().as_secs_f64() });

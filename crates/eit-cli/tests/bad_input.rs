@@ -42,6 +42,38 @@ fn scenes_that_cannot_be() {
             "no effect",
         ),
         ("[mesh]", "[noise]\nadditive_v = -1.0\n[mesh]", "noise.additive_v is -1"),
+        ("[mesh]", "[noise]\nquiet_frames = [4, 5]\n[mesh]", "three or more"),
+        ("[mesh]", "[noise]\nquiet_frames = [0, 9]\nadditive_v = 1.0\n[mesh]", "exclude each"),
+        ("[mesh]", "[reconstruction]\nlambda_space = 0.0\n[mesh]", "lambda_space is 0"),
+        ("[mesh]", "[reconstruction]\nlambda_time = 1.0\n[mesh]", "no effect without"),
+        ("[mesh]", "[reconstruction]\nlambda_time = -1.0\n[mesh]", "not below zero"),
+        ("[mesh]", "[reconstruction]\nlamda_space = 1.0\n[mesh]", "mean \"lambda_space\"?"),
+        ("[mesh]", "[reconstruction]\ndelta = \"noisy\"\n[mesh]", "a number, or \"noise\""),
+        ("[mesh]", "[reconstruction]\ndelta = -1.0\n[mesh]", "reconstruction.delta is -1"),
+        ("[mesh]", "[reconstruction]\nlower_s = 1e-6\n[mesh]", "must have zero"),
+        ("[mesh]", "[reconstruction]\nlower_s = 0.0\nupper_s = 0.0\n[mesh]", "must have zero"),
+        ("[mesh]", "[reconstruction]\ntarget_gap = nan\n[mesh]", "target_gap is NaN"),
+        ("[mesh]", "[reconstruction]\ndeadline_s = 0.0\n[mesh]", "deadline_s is 0"),
+        (
+            "[mesh]",
+            "[reconstruction]\ndelta = 1.0\nprior = \"noser\"\n[mesh]",
+            "belong to different methods",
+        ),
+        (
+            "[mesh]",
+            "[reconstruction]\nmethod = \"kalman\"\ntarget_gap = 1e-3\n[mesh]",
+            "no effect with method = \"kalman\"",
+        ),
+        (
+            "[mesh]",
+            "[reconstruction]\nmethod = \"st-tv\"\nnoise_figure = 1.0\n[mesh]",
+            "no effect with method = \"st-tv\"",
+        ),
+        (
+            "[mesh]",
+            "[reconstruction]\nmethod = \"tv\"\nlambda_space = 1.0\nlambda_time = 1.0\n[mesh]",
+            "take \"st-tv\"",
+        ),
         ("[mesh]", "[recording]\nscale = 0.0\n[mesh]", "recording.scale is 0"),
         ("[mesh]", "[recording]\nframe_rate_hz = 0.0\n[mesh]", "recording.frame_rate_hz is 0"),
         ("drive = \"adjacent\"", "pairs = [[0, 1, 2]]", "3 values where two are wanted"),
@@ -129,13 +161,14 @@ fn frames_that_cannot_be() {
 }
 
 #[test]
-fn missing_files_and_methods_of_other_versions() {
+fn missing_files_and_sections_of_other_versions() {
     let found = refuse(&["reconstruct", "paper-disc", "--out", "unused-folder"]);
     assert!(found.contains("--frames"), "{found}");
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
-    let arguments = ["reconstruct", "paper-disc", "--method", "st-tv", "--out", text(&out)];
-    assert!(refuse(&arguments).contains("gauss-newton"));
+    let scene = write_scene(folder.path(), &format!("{SMALL}\n[denoise]\nweights = \"default\"\n"));
+    let found = refuse(&["reconstruct", text(&scene), "--out", text(&out)]);
+    assert!(found.contains("[denoise] is not in this version"), "{found}");
     assert!(!out.exists(), "refused before anything is made");
 }
 

@@ -8,15 +8,15 @@ use super::{Answer, reconstruct};
 use crate::cli::DemoArgs;
 use crate::draw;
 use crate::error::CliError;
-use crate::frames::Frames;
+use crate::method::Method;
 use crate::output::{OutFolder, io, write_npy};
 use crate::picture::{FrameLabels, PictureSettings, draw_sheet};
-use crate::pipeline::{self, Setup};
+use crate::pipeline;
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::simulate::{Finger, FingerShape, TouchMovie};
 use eit_inverse::metrics::{ChangeSign, correlation_coefficient, half_maximum_centre_m};
-use ndarray::{Array1, Array2, Array3, Axis};
-use rand_distr::Distribution as _;
+use ndarray::{Array1, Array3, Axis};
 use serde_json::{Value, json};
 
 /// Nodes of the mesh that simulates; the one that reconstructs has about 2 000.
@@ -25,10 +25,10 @@ const SIMULATION_NODES: usize = 7000;
 const FRAMES: [usize; 2] = [24, 16];
 /// Seed of the noise.
 const SEED: u64 = 20_190_620;
-/// Noise, as a fraction of the root mean square voltage (60 dB).
-const NOISE: f64 = 1e-3;
-/// Standard deviation of a finger's bell, metres, and its relative conductivity change.
-const FINGER: (f64, f64) = (0.012, 0.5);
+/// Noise, decibel below the root mean square voltage.
+const NOISE_DB: f64 = 60.0;
+/// What a finger does.
+const FINGER: Finger = Finger { shape: FingerShape::Bell, sigma_m: 0.012, change: 0.5 };
 /// Frames a second of the movie.
 const RATE_HZ: f64 = 8.0;
 
@@ -37,17 +37,18 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Answer, CliError> {
     let scene = Scene::load("paper-disc")?;
     let mut out = OutFolder::new(&args.out)?;
     let mut progress = Progress::default();
-    let touches = touches();
+    let movie = TouchMovie { positions_m: touches(), finger: FINGER, rate_hz: RATE_HZ };
     let simulated = pipeline::setup(&scene, None, Some(SIMULATION_NODES), &mut progress)?;
-    let frames = simulate(&scene, &simulated, &touches, &mut progress)?;
+    let voltages = movie.voltages(&scene, &simulated, &mut progress)?;
+    let frames = voltages.with_noise(voltages.noise_std_v(NOISE_DB), SEED)?;
 
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
     let linearised = pipeline::linearise(&scene, &setup, &mut progress)?;
     let imaging = pipeline::imaging(&scene, &setup, &linearised, &frames, &mut progress)?;
     let images = imaging.images(&frames, &mut progress)?.into_parts().0;
 
-    let truth = truth(&scene, &setup, &imaging.raster, &touches)?;
-    let scores = scores(&images, &truth, &imaging.raster, &touches)?;
+    let truth = movie.truth(&scene, &imaging.raster);
+    let scores = scores(&images, &truth, &imaging.raster, &movie.positions_m)?;
     let reference = Array1::from_vec(frames.reference.clone());
     out.write("frames.npy", |w| write_npy(&frames.values, w))?;
     out.write("reference.npy", |w| write_npy(&reference, w))?;
@@ -56,7 +57,11 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Answer, CliError> {
     let skin = draw::skin(&setup.mesh, &imaging.raster);
     let settings = PictureSettings {
         title: "paper-disc: one finger, then two".to_owned(),
-        ..reconstruct::picture_settings(&scene, &imaging, Some(RATE_HZ))
+        ..reconstruct::picture_settings(
+            &scene,
+            reconstruct::footnote(Method::GaussNewton, &imaging),
+            Some(RATE_HZ),
+        )
     };
     reconstruct::write_pictures(
         &mut out,
@@ -73,7 +78,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<Answer, CliError> {
         "simulation_nodes": simulated.mesh.surface().nodes().len(),
         "reconstruction_nodes": setup.mesh.surface().nodes().len(),
         "frames": images.shape()[0],
-        "noise_of_rms_voltage": NOISE,
+        "noise_of_rms_voltage": 10_f64.powf(-NOISE_DB / 20.0),
         "seed": SEED,
         "hyperparameter": imaging.difference.report().hyperparameter,
         "hyperparameter_rule": imaging.rule,
@@ -111,80 +116,6 @@ fn touches() -> Vec<Vec<[f64; 2]>> {
         vec![at(0.055, turns), at(0.055, turns + 0.5)]
     });
     one.chain(two).collect()
-}
-
-/// Relative conductivity change at a point.
-fn change(point: [f64; 2], fingers: &[[f64; 2]]) -> f64 {
-    let bell = |finger: &[f64; 2]| {
-        let square = (point[0] - finger[0]).powi(2) + (point[1] - finger[1]).powi(2);
-        FINGER.1 * (-0.5 * square / FINGER.0.powi(2)).exp()
-    };
-    fingers.iter().map(bell).sum()
-}
-
-/// Voltages of the touched skin with noise, and a noisy reference.
-fn simulate(
-    scene: &Scene,
-    setup: &Setup,
-    touches: &[Vec<[f64; 2]>],
-    progress: &mut Progress,
-) -> Result<Frames, CliError> {
-    let background = scene.skin.conductivity_s;
-    let centroids = setup.mesh.surface().centroids();
-    let mut workspace = setup.model.workspace()?;
-    let mut solve = |fingers: &[[f64; 2]]| -> Result<_, CliError> {
-        let touched = |c: &[f64; 3]| background * (1.0 + change([c[0], c[1]], fingers));
-        let conductivity: Vec<f64> = centroids.iter().map(touched).collect();
-        Ok(setup.model.solve(&conductivity, &mut workspace)?.measurements())
-    };
-    let mut reference = solve(&[])?;
-    let count = setup.protocol.measurements();
-    let mut values = Array2::zeros((touches.len(), count));
-    progress.steps("simulate", touches.len(), |bar| {
-        for (mut frame, fingers) in values.rows_mut().into_iter().zip(touches) {
-            frame.assign(&solve(fingers)?);
-            bar.inc(1);
-        }
-        Ok::<(), CliError>(())
-    })?;
-    let rms = (reference.dot(&reference) / count as f64).sqrt();
-    let mut generator = rand_pcg::Pcg64Mcg::new(u128::from(SEED) << 64 | 1);
-    let mut noise = || {
-        let sample: f64 = rand_distr::StandardNormal.sample(&mut generator);
-        NOISE * rms * sample
-    };
-    values.iter_mut().for_each(|v| *v += noise());
-    reference.iter_mut().for_each(|v| *v += noise());
-    Ok(Frames {
-        good: Array2::from_elem(values.raw_dim(), true),
-        values,
-        reference: reference.to_vec(),
-        reference_source: "the untouched skin".to_owned(),
-        used: vec![true; count],
-        rate_hz: Some(RATE_HZ),
-        reciprocity_error: None,
-        notes: Vec::new(),
-    })
-}
-
-/// True conductivity change on the raster, siemens.
-fn truth(
-    scene: &Scene,
-    setup: &Setup,
-    raster: &eit_mesh::Raster,
-    touches: &[Vec<[f64; 2]>],
-) -> Result<Array3<f64>, CliError> {
-    let centroids = setup.mesh.surface().centroids();
-    let mut images = Vec::new();
-    for fingers in touches {
-        let elements: Vec<f64> = centroids
-            .iter()
-            .map(|c| scene.skin.conductivity_s * change([c[0], c[1]], fingers))
-            .collect();
-        images.push(raster.image_from_elements(&elements)?);
-    }
-    let views: Vec<_> = images.iter().map(|i| i.view()).collect();
-    ndarray::stack(Axis(0), &views).map_err(|e| CliError::Failure(e.to_string()))
 }
 
 /// Position error of the one-finger frames and correlation with the truth.

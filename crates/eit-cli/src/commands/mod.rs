@@ -6,6 +6,7 @@ pub(crate) mod jacobian;
 pub(crate) mod mesh;
 pub(crate) mod plan;
 pub(crate) mod reconstruct;
+pub(crate) mod report;
 
 use crate::error::CliError;
 use crate::pipeline;

@@ -2,9 +2,11 @@
 
 mod fit;
 mod order;
+mod quiet;
 mod reference;
 
 pub(crate) use fit::ModelFit;
+pub(crate) use quiet::QuietFrames;
 
 use crate::error::CliError;
 use crate::scene::{Component, DifferenceKind, FramesAre, OneOrManyFiles, Reference, Scene};
@@ -21,6 +23,10 @@ pub(crate) struct Frames {
     pub reference: Vec<f64>,
     /// Where the reference came from, in words.
     pub reference_source: String,
+    /// Frames that the reference is the mean of.
+    pub reference_frames: usize,
+    /// Frames during which nothing touched the skin, where there are some to measure the noise on.
+    pub quiet: Option<QuietFrames>,
     /// Whether a value is good, [frame, measurement].
     pub good: Array2<bool>,
     /// Measurements of the reconstruction; a frame's bad ones among them are left out of it.
@@ -41,6 +47,21 @@ impl Frames {
         };
         (0..self.values.nrows()).filter(is_clean).collect()
     }
+
+    /// Difference data [frame, measurement], zero where a value is not used: volt, or relative to
+    /// the reference.
+    pub fn differences(&self, kind: DifferenceKind) -> Array2<f64> {
+        let mut differences = self.values.clone();
+        for ((frame, i), value) in differences.indexed_iter_mut() {
+            let reference = self.reference[i];
+            *value = match (self.used[i] && self.good[[frame, i]], kind) {
+                (false, _) => 0.0,
+                (true, DifferenceKind::Plain) => *value - reference,
+                (true, DifferenceKind::Normalised) => (*value - reference) / reference,
+            };
+        }
+        differences
+    }
 }
 
 /// Frames of files in protocol order.
@@ -59,13 +80,12 @@ pub(crate) fn load(
     reference: Option<&Reference>,
 ) -> Result<Frames, CliError> {
     let loaded = read(scene, protocol, &files_of(scene, files)?)?;
-    let (reference, reference_source, reference_good) =
-        reference::take(scene, protocol, &loaded, reference)?;
+    let taken = reference::take(scene, protocol, &loaded, reference)?;
     let mut notes = loaded.notes.clone();
     let count = loaded.frames.values.nrows();
     let mean = loaded.frames.mean_frame();
     let reciprocity_error = order::check(scene, protocol, &loaded, &mean, &mut notes)?;
-    let reasons = reasons_to_leave_out(scene, protocol, &loaded, &reference, &reference_good);
+    let reasons = reasons_to_leave_out(scene, protocol, &loaded, &taken);
     let used: Vec<bool> = reasons.iter().map(Option::is_none).collect();
     for why in [DRIVEN, ZERO, BAD_REFERENCE, MOSTLY_BAD] {
         let count = reasons.iter().flatten().filter(|reason| **reason == why).count();
@@ -73,6 +93,7 @@ pub(crate) fn load(
             notes.push(format!("{count} measurements left out: {why}"));
         }
     }
+    let quiet = quiet::find(scene, &loaded.frames, &taken, &used, &mut notes)?;
     if !used.contains(&true) {
         return Err(CliError::input(format!("no measurement is usable: {}", notes.join("; "))));
     }
@@ -88,8 +109,10 @@ pub(crate) fn load(
     Ok(Frames {
         values: from_first(&loaded.frames.values),
         good: good.slice_axis(Axis(0), (first..).into()).to_owned(),
-        reference,
-        reference_source,
+        reference_frames: taken.frames.values.nrows(),
+        reference: taken.values,
+        reference_source: taken.source,
+        quiet,
         used,
         rate_hz,
         reciprocity_error,
@@ -129,9 +152,9 @@ fn reasons_to_leave_out(
     scene: &Scene,
     protocol: &Protocol,
     loaded: &Loaded,
-    reference: &[f64],
-    reference_good: &[bool],
+    taken: &reference::Taken,
 ) -> Vec<Option<&'static str>> {
+    let (reference, reference_good) = (&taken.values, &taken.good);
     let driven = on_driven_electrodes(protocol);
     let normalised = scene.difference_kind(protocol) == DifferenceKind::Normalised;
     let finite = reference.iter().filter(|v| v.is_finite());

@@ -4,11 +4,30 @@ use super::{Loaded, name_of, read};
 use crate::error::CliError;
 use crate::scene::{Reference, Scene};
 use eit_fem::Protocol;
+use eit_hw::Quality;
+use ndarray::{Array2, Axis};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Values, where they came from in words, and which of them are good.
-type ReferenceFrame = (Vec<f64>, String, Vec<bool>);
+/// A reference frame.
+pub(super) struct Taken {
+    /// The mean, [measurement].
+    pub values: Vec<f64>,
+    /// Which of them are good.
+    pub good: Vec<bool>,
+    /// Where it came from, in words.
+    pub source: String,
+    /// The frames it is the mean of.
+    pub frames: Measured,
+    /// Whether it is the mean of the whole recording, touches and all.
+    pub touched: bool,
+}
+
+/// Values and their flags, both [frame, measurement].
+pub(super) struct Measured {
+    pub values: Array2<f64>,
+    pub quality: Array2<Quality>,
+}
 
 /// Takes the reference of the command line (`given`, files relative to the working folder), else
 /// the scene's (files relative to the scene), else the one the file marks.
@@ -17,7 +36,7 @@ pub(super) fn take(
     protocol: &Protocol,
     loaded: &Loaded,
     given: Option<&Reference>,
-) -> Result<ReferenceFrame, CliError> {
+) -> Result<Taken, CliError> {
     let count = loaded.frames.values.nrows();
     let marked = loaded.marked_reference.map(Reference::Frame);
     let reference = given.or(scene.recording.reference.as_ref()).or(marked.as_ref());
@@ -44,16 +63,23 @@ pub(super) fn take(
         let message = format!("reference {words}: the recording has frames 0 to {last}");
         return Err(CliError::input(message));
     }
-    let (values, good) = loaded.frames.mean_of(range);
-    Ok((values, words, good))
+    let touched = range == (0..count);
+    let (values, good) = loaded.frames.mean_of(range.clone());
+    let frames = Measured {
+        values: loaded.frames.values.slice_axis(Axis(0), range.clone().into()).to_owned(),
+        quality: loaded.frames.quality.slice_axis(Axis(0), range.into()).to_owned(),
+    };
+    Ok(Taken { values, good, source: words, frames, touched })
 }
 
-fn from_file(scene: &Scene, protocol: &Protocol, path: &Path) -> Result<ReferenceFrame, CliError> {
+fn from_file(scene: &Scene, protocol: &Protocol, path: &Path) -> Result<Taken, CliError> {
     let other = read(scene, protocol, std::slice::from_ref(&path.to_path_buf()))?;
     let count = other.frames.values.nrows();
     let (values, good) = other.frames.mean_of(0..count);
     let frames = if count == 1 { "1 frame".to_owned() } else { format!("mean of {count} frames") };
-    Ok((values, format!("{} ({frames})", name_of(path)), good))
+    let source = format!("{} ({frames})", name_of(path));
+    let frames = Measured { values: other.frames.values, quality: other.frames.quality };
+    Ok(Taken { values, good, source, frames, touched: false })
 }
 
 fn single(frame: usize) -> (Range<usize>, String) {

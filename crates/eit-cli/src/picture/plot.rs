@@ -18,8 +18,15 @@ const LINE_HEIGHT: f64 = 18.0;
 const PADDING: f64 = 0.04;
 /// Colours that colour-blind readers tell apart (M. Okabe, K. Ito, "Color Universal Design",
 /// 2008), without the yellow that is too pale for lines on paper.
-const COLORS: [Rgb; 6] =
-    [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167], [230, 159, 0], [86, 180, 233]];
+const COLORS: [Rgb; 7] = [
+    [0, 114, 178],
+    [213, 94, 0],
+    [0, 158, 115],
+    [204, 121, 167],
+    [230, 159, 0],
+    [86, 180, 233],
+    [0, 0, 0],
+];
 
 /// One curve.
 #[derive(Clone, Debug)]

@@ -2,8 +2,9 @@
 //!
 //! Shapes, electrodes and protocols are checked by the crates that build them.
 
-use super::{Hyperparameter, PriorKind, Rule, Scene, Shape};
+use super::{Delta, Hyperparameter, PriorKind, Rule, Scene, Shape};
 use crate::error::CliError;
+use crate::method::Method;
 
 /// Most pixels along the longer side: 16 million pixels an image.
 const MOST_PIXELS: usize = 4096;
@@ -11,7 +12,11 @@ const MOST_PIXELS: usize = 4096;
 impl Scene {
     /// Refuses what cannot be, and what would silently have no effect.
     pub(super) fn check(&self) -> Result<(), CliError> {
-        self.check_numbers().and_then(|()| self.check_company()).map_err(|e| e.within(&self.place))
+        self.check_numbers()
+            .and_then(|()| self.check_tv())
+            .and_then(|()| self.check_company())
+            .and_then(|()| self.check_method())
+            .map_err(|e| e.within(&self.place))
     }
 
     fn check_numbers(&self) -> Result<(), CliError> {
@@ -26,6 +31,9 @@ impl Scene {
             ("reconstruction.hyperparameter", fixed),
             ("reconstruction.noise_figure", image.noise_figure),
             ("noise.additive_v", self.noise.additive_v),
+            ("reconstruction.lambda_space", image.lambda_space),
+            ("reconstruction.target_gap", image.target_gap),
+            ("reconstruction.deadline_s", image.deadline_s),
             ("recording.frame_rate_hz", self.recording.frame_rate_hz),
             ("protocol.current_a", self.protocol.current_a),
         ];
@@ -43,6 +51,69 @@ impl Scene {
             let message =
                 format!("reconstruction.pixels is {pixels}: it must be 1 to {MOST_PIXELS}");
             return Err(CliError::input(message));
+        }
+        Ok(())
+    }
+
+    /// Numbers of the total variation methods that are not simply positive.
+    fn check_tv(&self) -> Result<(), CliError> {
+        let image = &self.reconstruction;
+        let delta = match image.delta {
+            Some(Delta::Value(value)) => Some(value),
+            _ => None,
+        };
+        for (key, value) in
+            [("reconstruction.lambda_time", image.lambda_time), ("reconstruction.delta", delta)]
+        {
+            if let Some(value) = value.filter(|v| !(v.is_finite() && *v >= 0.0)) {
+                let message = format!("{key} is {value}: it must be finite and not below zero");
+                return Err(CliError::input(message));
+            }
+        }
+        let lower = image.lower_s.unwrap_or(f64::NEG_INFINITY);
+        let upper = image.upper_s.unwrap_or(f64::INFINITY);
+        if !(lower <= 0.0 && upper >= 0.0 && lower < upper) {
+            return Err(CliError::input(format!(
+                "reconstruction.lower_s = {lower} and upper_s = {upper} must have zero, no change, \
+                 between them or on one of them"
+            )));
+        }
+        if let Some([first, last]) = self.noise.quiet_frames.map(|frames| frames.0)
+            && last < first.saturating_add(2)
+        {
+            return Err(CliError::input(format!(
+                "noise.quiet_frames = [{first}, {last}]: first and last frame; the noise is \
+                 measured on three or more"
+            )));
+        }
+        Ok(())
+    }
+
+    /// The method must exist and must read the keys that are set for one.
+    fn check_method(&self) -> Result<(), CliError> {
+        let image = &self.reconstruction;
+        let (mut of_tv, mut of_others) = (image.keys_of_tv(), image.keys_of_gauss_newton());
+        let Some(name) = &image.method else {
+            return match (of_tv.chain(image.bounds()).next(), of_others.next()) {
+                (Some(one), Some(other)) => Err(CliError::input(format!(
+                    "{one} and {other} belong to different methods: set reconstruction.method or \
+                     take one out"
+                ))),
+                _ => Ok(()),
+            };
+        };
+        let method = Method::parse("reconstruction.method", name)?;
+        let bounded = method.is_tv() || method == Method::GaussNewtonAbsolute;
+        let ignored = if method.is_tv() { of_others.next() } else { of_tv.next() };
+        let ignored = ignored.or(image.bounds().next().filter(|_| !bounded));
+        if let Some(key) = ignored {
+            let message = format!("{key} has no effect with method = \"{name}\"");
+            return Err(CliError::input(message));
+        }
+        if method == Method::Tv && image.lambda_time.is_some_and(|weight| weight != 0.0) {
+            return Err(CliError::input(
+                "reconstruction.lambda_time has no effect with method = \"tv\": take \"st-tv\"",
+            ));
         }
         Ok(())
     }
@@ -77,6 +148,10 @@ impl Scene {
             (file, ("mesh.nodes", mesh.nodes.is_some())),
             (file, ("mesh.edge_m", mesh.edge_m.is_some())),
             (("mesh.nodes", mesh.nodes.is_some()), ("mesh.edge_m", mesh.edge_m.is_some())),
+            (
+                ("noise.additive_v", self.noise.additive_v.is_some()),
+                ("noise.quiet_frames", self.noise.quiet_frames.is_some()),
+            ),
             (file, ("electrodes.count", electrodes.count.is_some())),
             (file, ("electrodes.width_m", electrodes.width_m.is_some())),
             (file, positions),
@@ -103,6 +178,14 @@ impl Scene {
                 ("prior = \"laplace\" or \"gaussian\"", smooth),
             ),
             (("skin.file", skin.file.is_some()), file),
+            (
+                // 0 says that there is no time term, whatever the weight in space
+                (
+                    "reconstruction.lambda_time",
+                    image.lambda_time.is_some_and(|weight| weight != 0.0),
+                ),
+                ("reconstruction.lambda_space", image.lambda_space.is_some()),
+            ),
         ];
         match needs.iter().find(|(a, b)| a.1 && !b.1) {
             None => Ok(()),

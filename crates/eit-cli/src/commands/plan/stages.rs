@@ -1,0 +1,299 @@
+//! Stages of a plan: sizes, work, expected time.
+
+use crate::method::Method;
+use crate::pipeline::tv::DEFAULT_TARGET_GAP;
+use crate::pipeline::{DEFAULT_NOISE_FIGURE, DEFAULT_PIXELS, Setup};
+use crate::scene::{DifferenceKind, Hyperparameter, Rule, Scene, Shape};
+use eit_mesh::Quality;
+
+/// Rates behind the predicted times, fitted by hand on one core of the machine of
+/// `docs/PERFORMANCE.md` with 16 electrodes at 2 000 and 20 000 nodes: sparse factorisation with
+/// its overhead per element, backward sweeps, priors per entry of the Jacobian, dense products and
+/// factorisations, stores to memory, reads from cache. Elsewhere they are a guide, not a promise.
+const FACTOR_FLOPS_PER_S: f64 = 8e9;
+const ELEMENT_S: f64 = 1.5e-7;
+const SWEEP_FLOPS_PER_S: f64 = 4e9;
+const PRIOR_ENTRY_S: f64 = 5e-8;
+const PRODUCT_FLOPS_PER_S: f64 = 2e10;
+const DECOMPOSITION_FLOPS_PER_S: f64 = 1e10;
+const STORE_BYTES_PER_S: f64 = 6e9;
+const READ_BYTES_PER_S: f64 = 1.5e10;
+/// Meshing, seconds a node.
+const NODE_S: f64 = 1e-5;
+/// Total variation, effective: an iteration of 64 x 64 pixels and 20 frames in single precision.
+const TV_FLOPS_PER_S: f64 = 2e10;
+/// Iterations of total variation to a gap of 1e-2 at 64 pixels; twice as many for each factor of
+/// ten, and in proportion to the pixels of a side.
+const TV_ITERATIONS: f64 = 260.0;
+/// Passes over the values of a movie, single precision, in an iteration.
+const TV_PASSES: f64 = 14.0;
+/// Trial solves that choose the weights, their frames, and their part of a full solve's iterations.
+const TV_TRIALS: f64 = 10.0;
+const TV_TRIAL_FRAMES: usize = 12;
+const TV_TRIAL_SHARE: f64 = 0.5;
+/// Steps of the absolute method, a frame.
+const ABSOLUTE_STEPS: f64 = 2.0;
+
+/// Frames of a plan whose recording is not known.
+pub(super) const ASSUMED_FRAMES: usize = 20;
+
+/// One stage of the plan.
+pub(super) struct Stage {
+    pub name: &'static str,
+    pub size: String,
+    pub flops: f64,
+    pub bytes: f64,
+    pub time_s: f64,
+    pub why: String,
+}
+
+/// Numbers that all stages come from.
+struct Sizes<'a> {
+    scene: &'a Scene,
+    setup: &'a Setup,
+    measurements: f64,
+    elements: f64,
+    /// Pixels of the raster's side, and those on the skin.
+    pixels: usize,
+    skin_pixels: f64,
+    /// Independent measurements at most.
+    rank: f64,
+}
+
+/// The stages of a method, in the order of the work.
+pub(super) fn of(
+    scene: &Scene,
+    setup: &Setup,
+    method: Method,
+    frames: Option<usize>,
+) -> Vec<Stage> {
+    let cost = setup.model.cost();
+    let (m, n) = (setup.protocol.measurements() as f64, setup.model.elements() as f64);
+    let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
+    let electrodes = setup.protocol.electrodes() as f64;
+    let sizes = Sizes {
+        scene,
+        setup,
+        measurements: m,
+        elements: n,
+        pixels,
+        skin_pixels: (skin_share(setup) * (pixels * pixels) as f64).round(),
+        // reciprocity leaves L (L - 1) / 2 independent measurements at most; smooth priors fewer
+        rank: m.min(cost.field_products as f64).min(n).min(0.5 * electrodes * (electrodes - 1.0)),
+    };
+    let mut stages = sizes.model();
+    match method {
+        Method::StTv | Method::Tv => stages.extend(sizes.total_variation(frames)),
+        Method::GaussNewton => stages.extend([sizes.matrix(), sizes.frame()]),
+        Method::TimePrior | Method::Kalman => {
+            stages.extend([sizes.matrix(), sizes.sequence_frame()]);
+        }
+        Method::GaussNewtonAbsolute => {
+            let step = sizes.absolute_step(&stages);
+            stages.extend([sizes.matrix(), step]);
+        }
+    }
+    stages
+}
+
+impl Sizes<'_> {
+    /// Mesh, forward solution and Jacobian, which all methods need.
+    fn model(&self) -> Vec<Stage> {
+        let (scene, setup) = (self.scene, self.setup);
+        let (m, n) = (self.measurements, self.elements);
+        let cost = setup.model.cost();
+        let quality = Quality::of(&setup.mesh);
+        let entries = cost.factor_entries as f64;
+        let solves = cost.field_solves as f64;
+        let sweep = 2.0 * entries * solves;
+        let products = 3.0 * cost.field_products as f64 * n;
+        vec![
+            Stage {
+                name: "mesh",
+                size: format!("{} nodes, {} triangles", quality.nodes, quality.triangles),
+                flops: 0.0,
+                bytes: 24.0 * quality.nodes as f64 + 12.0 * n,
+                time_s: NODE_S * quality.nodes as f64,
+                why: match scene.skin.shape {
+                    Shape::Mesh => "read from the scene's file".to_owned(),
+                    _ => format!(
+                        "graded to the electrode ends, mean quality {:.3}",
+                        quality.mean_quality
+                    ),
+                },
+            },
+            Stage {
+                name: "forward",
+                size: format!("{} unknowns, factor {} entries", cost.unknowns, cost.factor_entries),
+                flops: cost.factor_flops,
+                bytes: 8.0 * entries,
+                time_s: cost.factor_flops / FACTOR_FLOPS_PER_S + ELEMENT_S * n,
+                why: "one factorisation gives all voltages: electrodes are eliminated last"
+                    .to_owned(),
+            },
+            Stage {
+                name: "Jacobian",
+                size: format!("[{m}, {n}], {} fields, {} products", solves, cost.field_products),
+                flops: sweep + products,
+                bytes: 8.0 * m * n,
+                time_s: sweep / SWEEP_FLOPS_PER_S + 8.0 * m * n / STORE_BYTES_PER_S,
+                why: format!(
+                    "{} patterns span {solves} fields; reciprocal measurements share a product",
+                    setup.protocol.stimulations_a().nrows()
+                        + setup.protocol.measurement_patterns().nrows()
+                ),
+            },
+        ]
+    }
+
+    /// The one-step matrix and its hyperparameter.
+    fn matrix(&self) -> Stage {
+        let (m, n, rank) = (self.measurements, self.elements, self.rank);
+        let scene = self.scene;
+        let products_flops = m * m * n + 2.0 * m * n * rank;
+        let decomposition = 4.0 * m * rank * rank;
+        Stage {
+            name: "reconstruction matrix",
+            size: format!("{m} x {m} in measurement space"),
+            flops: products_flops + decomposition,
+            bytes: 8.0 * (m * n + m * m),
+            time_s: PRIOR_ENTRY_S * m * n
+                + products_flops / PRODUCT_FLOPS_PER_S
+                + decomposition / DECOMPOSITION_FLOPS_PER_S,
+            why: hyperparameter_words(scene),
+        }
+    }
+
+    /// One image.
+    fn frame(&self) -> Stage {
+        let (pixels, rank) = (self.pixels, self.rank);
+        let image = 2.0 * rank * (self.measurements + self.skin_pixels);
+        let (scene, setup) = (self.scene, self.setup);
+        Stage {
+            name: "each frame",
+            size: format!("{pixels} x {pixels} pixels, rank {rank} at most"),
+            flops: image,
+            bytes: 4.0 * image,
+            time_s: 4.0 * image / READ_BYTES_PER_S,
+            why: match scene.difference_kind(&setup.protocol) {
+                DifferenceKind::Normalised => {
+                    "normalised difference: gains of channels cancel".to_owned()
+                }
+                DifferenceKind::Plain => {
+                    "plain difference: some patterns give voltages near zero".to_owned()
+                }
+            },
+        }
+    }
+
+    /// One image of a method that couples frames: on elements.
+    fn sequence_frame(&self) -> Stage {
+        let (m, n, rank) = (self.measurements, self.elements, self.rank);
+        let flops = 2.0 * rank * (m + n) + 10.0 * rank;
+        Stage {
+            name: "each frame",
+            size: format!("{n} elements, rank {rank} at most"),
+            flops,
+            bytes: 4.0 * flops,
+            time_s: 4.0 * flops / READ_BYTES_PER_S,
+            why: format!("{rank} scalar smoothers: the problem falls apart into its eigenvectors"),
+        }
+    }
+
+    /// One frame of the absolute method: each step solves and linearises again.
+    fn absolute_step(&self, model: &[Stage]) -> Stage {
+        let (m, n) = (self.measurements, self.elements);
+        let again = model.iter().filter(|stage| stage.name != "mesh");
+        let (solve, time_s) = again.fold((0.0, 0.0), |sum, s| (sum.0 + s.flops, sum.1 + s.time_s));
+        let products = m * m * n + m * m * m / 3.0;
+        Stage {
+            name: "each frame",
+            size: format!("about {ABSOLUTE_STEPS} steps of [{m}, {n}]"),
+            flops: ABSOLUTE_STEPS * (solve + products),
+            bytes: 8.0 * m * n,
+            time_s: ABSOLUTE_STEPS
+                * (time_s + PRIOR_ENTRY_S * m * n + products / PRODUCT_FLOPS_PER_S),
+            why: "each step solves the model and its Jacobian again".to_owned(),
+        }
+    }
+
+    /// Set-up, choice of weights, and the iteration.
+    fn total_variation(&self, frames: Option<usize>) -> Vec<Stage> {
+        let (m, n, rank) = (self.measurements, self.skin_pixels, self.rank);
+        let count = frames.unwrap_or(ASSUMED_FRAMES);
+        let iteration = |frames: usize| 4.0 * n * rank * frames as f64;
+        let gap = self.scene.reconstruction.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
+        let decades = (DEFAULT_TARGET_GAP / gap).log10();
+        let iterations = TV_ITERATIONS * self.pixels as f64 / 64.0 * 2.0_f64.powf(decades);
+        let iterations = iterations.max(20.0).round();
+        let set_up = 2.0 * m * 4.0 * self.elements + 4.0 * m * m * n;
+        let trials =
+            TV_TRIALS * TV_TRIAL_SHARE * iterations * iteration(count.min(TV_TRIAL_FRAMES));
+        let told = match frames {
+            Some(count) => format!("{count} frames"),
+            None => format!("{count} frames assumed"),
+        };
+        let keys = &self.scene.reconstruction;
+        let mut stages = vec![Stage {
+            name: "Jacobian of pixels",
+            size: format!("[{m}, {n}], rank {rank} at most"),
+            flops: set_up,
+            bytes: 8.0 * m * n,
+            time_s: set_up / DECOMPOSITION_FLOPS_PER_S,
+            why: "rotated to its independent directions: an iteration works on those".to_owned(),
+        }];
+        if keys.lambda_space.is_none() && keys.delta.is_none() {
+            stages.push(Stage {
+                name: "weights",
+                size: format!("about {TV_TRIALS} coarse solves"),
+                flops: trials,
+                bytes: 0.0,
+                time_s: trials / TV_FLOPS_PER_S,
+                why: format!("on the {TV_TRIAL_FRAMES} frames with the most signal at most"),
+            });
+        }
+        stages.push(Stage {
+            name: "iteration",
+            size: format!("{n} pixels, {told}"),
+            flops: iteration(count),
+            bytes: TV_PASSES * 4.0 * n * count as f64,
+            time_s: iteration(count) / TV_FLOPS_PER_S,
+            why: format!(
+                "4 flops a pixel, direction and frame; {TV_PASSES} passes over the movie of 4 bytes \
+                 a value"
+            ),
+        });
+        stages.push(Stage {
+            name: "solve",
+            size: format!("about {iterations} iterations to gap {gap:e}"),
+            flops: iterations * iteration(count),
+            bytes: iterations * TV_PASSES * 4.0 * n * count as f64,
+            time_s: iterations * iteration(count) / TV_FLOPS_PER_S,
+            why: format!(
+                "time at {:.0} Gflop/s effective, as measured on one core; iterations vary by two",
+                1e-9 * TV_FLOPS_PER_S
+            ),
+        });
+        stages
+    }
+}
+
+/// Part of the raster's square that is skin.
+fn skin_share(setup: &Setup) -> f64 {
+    let [low, high] = setup.mesh.surface().bounds_m();
+    let side = (high[0] - low[0]).max(high[1] - low[1]);
+    (setup.mesh.surface().areas_m2().iter().sum::<f64>() / (side * side)).min(1.0)
+}
+
+fn hyperparameter_words(scene: &Scene) -> String {
+    let keys = &scene.reconstruction;
+    match &keys.hyperparameter {
+        None | Some(Hyperparameter::Rule(Rule::NoiseFigure)) => {
+            let figure = keys.noise_figure.unwrap_or(DEFAULT_NOISE_FIGURE);
+            format!("hyperparameter by noise figure {figure}: needs no data")
+        }
+        Some(Hyperparameter::Value(value)) => format!("hyperparameter {value}, from the scene"),
+        Some(Hyperparameter::Rule(Rule::LCurve)) => "hyperparameter by L-curve".to_owned(),
+        Some(Hyperparameter::Rule(Rule::Gcv)) => "hyperparameter by cross-validation".to_owned(),
+    }
+}

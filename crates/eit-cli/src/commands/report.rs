@@ -1,0 +1,39 @@
+//! `eit report`: error against run time of every method, and their quality over noise, all on
+//! simulated touches of the built-in skin and all from one run.
+
+mod bench;
+mod quality;
+mod race;
+mod scores;
+
+use super::Answer;
+use crate::cli::ReportArgs;
+use crate::error::CliError;
+use crate::output::OutFolder;
+use crate::progress::Progress;
+
+/// Files of the two parts: each run removes those of the other that it does not make.
+const FILES: [&str; 7] =
+    ["error.png", "gap.png", "images.png", "report.md", "report.json", "quality.md", "quality.csv"];
+
+/// Runs the race, or the table of quality.
+pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {
+    let mut out = OutFolder::new(&args.out)?;
+    let mut progress = Progress::default();
+    let answer = if args.quality {
+        quality::run(args.quick, &mut out, &mut progress)?
+    } else {
+        race::run(args.quick, &mut out, &mut progress)?
+    };
+    out.commit(&FILES)?;
+    Ok(answer)
+}
+
+/// A Markdown table.
+fn markdown(head: &[&str], rows: &[Vec<String>]) -> String {
+    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+    let names: Vec<String> = head.iter().map(|name| (*name).to_owned()).collect();
+    let rule = format!("|{}\n", "---|".repeat(head.len()));
+    let body: String = rows.iter().map(|row| line(row)).collect();
+    format!("{}{rule}{body}", line(&names))
+}

@@ -1,0 +1,333 @@
+//! Every method from frames to images, on a small simulated skin.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
+
+mod common;
+
+use common::{SMALL, refuse, succeed, text, write_scene};
+use ndarray::{Array1, Array2, Array3, Axis};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+const METHODS: [&str; 6] =
+    ["st-tv", "tv", "gauss-newton", "time-prior", "kalman", "gauss-newton-absolute"];
+
+/// Standard deviation of the simulated noise, volt: the largest voltages are a few volts.
+const NOISE_V: f64 = 1e-4;
+/// Quiet frames, then frames with a finger.
+const QUIET: usize = 8;
+const TOUCHED: usize = 4;
+
+/// Where the finger is in a touched frame, metres.
+fn finger(frame: usize) -> [f64; 2] {
+    [0.04, 0.02 - 0.01 * frame as f64]
+}
+
+/// Recorded frames of a finger and the scene that they belong to.
+struct Fixture {
+    folder: tempfile::TempDir,
+    frames: PathBuf,
+}
+
+/// Standard normal numbers, enough so for a test: sums of twelve uniform ones.
+struct Noise(u64);
+
+impl Noise {
+    fn next(&mut self) -> f64 {
+        let mut uniform = || {
+            // Knuth's MMIX generator
+            self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+    }
+}
+
+/// Voltages of the finger on a finer mesh than the scene's, by the program itself.
+fn fixture() -> Fixture {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let fine = write_scene(folder.path(), &SMALL.replace("edge_m = 0.012", "edge_m = 0.008"));
+    let mesh_file = path("fine.msh");
+    succeed(&["mesh", text(&fine), "--out", text(&mesh_file)]);
+    let mesh = eit_mesh::read_gmsh(&mesh_file).unwrap();
+    let solve = |sigma: &dyn Fn([f64; 3]) -> f64| -> Array1<f64> {
+        let centroids = mesh.surface().centroids();
+        let values: Vec<f64> = centroids.into_iter().map(sigma).collect();
+        let conductivity = Array2::from_shape_vec((1, values.len()), values).unwrap();
+        let (file, out) = (path("sigma.npy"), path("v.npy"));
+        ndarray_npy::write_npy(&file, &conductivity).unwrap();
+        let files = ["--mesh", text(&mesh_file), "--conductivity", text(&file)];
+        succeed(&[&["forward", text(&fine), "--out", text(&out)], &files[..]].concat());
+        ndarray_npy::read_npy(&out).unwrap()
+    };
+    let untouched = solve(&|_| 1e-5);
+    let mut noise = Noise(7);
+    let mut frames = Array2::zeros((QUIET + TOUCHED, untouched.len()));
+    for (f, mut row) in frames.rows_mut().into_iter().enumerate() {
+        let clean = if f < QUIET {
+            untouched.clone()
+        } else {
+            let [x, y] = finger(f - QUIET);
+            solve(&|c| if (c[0] - x).hypot(c[1] - y) < 0.02 { 1.5e-5 } else { 1e-5 })
+        };
+        row.assign(&clean.mapv(|v| v + NOISE_V * noise.next()));
+    }
+    let frames_file = path("frames.npy");
+    ndarray_npy::write_npy(&frames_file, &frames).unwrap();
+    Fixture { frames: frames_file, folder }
+}
+
+impl Fixture {
+    /// A scene with more keys than [`SMALL`].
+    fn scene(&self, more: &str) -> PathBuf {
+        write_scene(self.folder.path(), &format!("{SMALL}\n{more}"))
+    }
+
+    /// Images and report of a run.
+    fn run(&self, scene: &Path, more: &[&str]) -> (Array3<f64>, Value) {
+        let out = self.folder.path().join("out");
+        let fixed =
+            ["reconstruct", text(scene), "--frames", text(&self.frames), "--out", text(&out)];
+        let answer = succeed(&[&fixed[..], more, &["--json"]].concat());
+        let images = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
+        for file in ["sheet.png", "movie.gif", "report.json"] {
+            assert!(std::fs::metadata(out.join(file)).unwrap().len() > 500, "{file}");
+        }
+        (images, serde_json::from_str(&answer).unwrap())
+    }
+}
+
+/// Centre of what reaches half of the largest value of a frame, metres, on a raster over the disc of
+/// 0.1 m.
+fn centre_m(images: &Array3<f64>, frame: usize) -> [f64; 2] {
+    let image = images.index_axis(Axis(0), frame);
+    let most = image.iter().filter(|v| v.is_finite()).fold(0.0, |m: f64, v| m.max(*v));
+    let pixel = 0.2 / image.nrows() as f64;
+    let (mut sum, mut moment) = (0.0, [0.0; 2]);
+    for ((row, column), value) in image.indexed_iter().filter(|(_, v)| **v >= 0.5 * most) {
+        sum += value;
+        moment[0] += value * ((column as f64 + 0.5) * pixel - 0.1);
+        moment[1] += value * (0.1 - (row as f64 + 0.5) * pixel);
+    }
+    moment.map(|m| m / sum)
+}
+
+fn distance([a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
+    (a - c).hypot(b - d)
+}
+
+#[test]
+fn every_method_finds_the_finger() {
+    let fixture = fixture();
+    let scene = fixture.scene("[reconstruction]\npixels = 24\n[noise]\nquiet_frames = [0, 7]\n");
+    for method in METHODS {
+        let reference = ["--method", method, "--reference", "0..8"];
+        let (images, report) = fixture.run(&scene, &reference);
+        assert_eq!(images.dim(), (QUIET + TOUCHED, 24, 24), "{method}");
+        assert_eq!(report["method"], method);
+        for f in 0..TOUCHED {
+            let error = distance(centre_m(&images, QUIET + f), finger(f));
+            // half of the finger's radius of 20 mm
+            assert!(error < 0.01, "{method}, frame {f}: {error}");
+        }
+        let status = report["status"].as_str().unwrap();
+        assert!(["converged", "direct"].contains(&status), "{method}: {status}");
+        if !["st-tv", "tv"].contains(&method) {
+            assert!(report["hyperparameter"].as_f64().unwrap() > 0.0, "{method}");
+            continue;
+        }
+        // nothing in the quiet frames is taken for a touch
+        let quiet = report["quiet_frames"].as_u64().unwrap();
+        assert_eq!(quiet, QUIET as u64, "{method}");
+        assert!(images.index_axis(Axis(0), 0).iter().all(|v| v.is_nan() || *v == 0.0));
+        let number = |key: &str| report[key].as_f64().unwrap();
+        assert!(number("gap") <= number("target_gap") && number("gap") >= 0.0, "{method}");
+        assert!(number("lower_bound") <= number("primal"), "{method}");
+        let residual = report["residual"].as_array().unwrap();
+        assert!(residual[..QUIET].iter().all(Value::is_null), "{method}");
+        // a quarter of the weights of the discrepancy principle: less than the noise is left
+        for r in &residual[QUIET..] {
+            let ratio = r.as_f64().unwrap() / number("residual_wanted");
+            assert!((0.3..1.5).contains(&ratio), "{method}: {ratio}");
+        }
+        assert!(fixture.folder.path().join("out/hyperparameter.png").exists(), "{method}");
+    }
+}
+
+/// A noise that is stated chooses st-tv, its weights and the frames that it skips; bounds hold.
+#[test]
+fn the_scene_chooses() {
+    let fixture = fixture();
+    let noise = format!("[noise]\nadditive_v = {NOISE_V}\n");
+    let reference = ["--reference", "0..8"];
+    let scene = fixture.scene(&format!("[reconstruction]\npixels = 24\nlower_s = 0.0\n{noise}"));
+    let (images, report) = fixture.run(&scene, &reference);
+    assert_eq!(report["method"], "st-tv");
+    assert_eq!(report["quiet_frames"], QUIET);
+    assert!(images.iter().all(|v| v.is_nan() || *v >= 0.0), "the bound holds");
+    assert!(report["noise"]["source"].as_str().unwrap().contains("from the scene"));
+    let scene = fixture.scene("[reconstruction]\npixels = 24\n");
+    assert_eq!(fixture.run(&scene, &reference).1["method"], "gauss-newton");
+    // the paper's form: every frame within its noise
+    let scene =
+        fixture.scene(&format!("[reconstruction]\npixels = 24\ndelta = \"noise\"\n{noise}"));
+    let report = fixture.run(&scene, &reference).1;
+    let delta = report["weights"]["delta"].as_f64().unwrap();
+    assert!((delta * delta - 40.0).abs() < 1e-9, "40 measurements: {delta}");
+    let scene = fixture.scene("[reconstruction]\npixels = 24\nlambda_space = 1.0\n");
+    let report = fixture.run(&scene, &reference).1;
+    assert_eq!(report["weights"]["lambda_space"], 1.0);
+    assert_eq!(report["weights"]["rule"], "fixed by the scene");
+}
+
+/// One frame is plain total variation, frames alike are one, and quiet frames are none.
+#[test]
+fn what_a_recording_does_not_need_is_left_out() {
+    let fixture = fixture();
+    let frames: Array2<f64> = ndarray_npy::read_npy(&fixture.frames).unwrap();
+    let scene = fixture.scene(&format!(
+        "[reconstruction]\npixels = 16\n[noise]\nadditive_v = {NOISE_V}\n[recording]\nreference = \
+         \"reference.npy\"\n"
+    ));
+    let write = |name: &str, rows: &[usize]| {
+        let file = fixture.folder.path().join(name);
+        ndarray_npy::write_npy(&file, &frames.select(Axis(0), rows)).unwrap();
+        file
+    };
+    write("reference.npy", &[0, 1, 2, 3, 4, 5]);
+    let run = |rows: &[usize]| -> Value {
+        let file = write("part.npy", rows);
+        let out = fixture.folder.path().join("part");
+        let arguments = ["--frames", text(&file), "--out", text(&out), "--json"];
+        let answer = succeed(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
+        serde_json::from_str(&answer).unwrap()
+    };
+    let one = run(&[QUIET]);
+    assert_eq!(one["method"], "tv", "{one}");
+    assert_eq!(one["weights"]["lambda_time"], 0.0);
+    let nothing = run(&[6, 7]);
+    assert_eq!(nothing["quiet_frames"], 2, "{nothing}");
+    assert_eq!(nothing["status"], "nothing to solve");
+    // the same touch with other noise: moving frames are not alike
+    assert_eq!(run(&[8, 9, 10, 11])["still"], false);
+    let mut noise = Noise(11);
+    let alike = Array2::from_shape_fn((5, frames.ncols()), |(_, i)| {
+        frames[[QUIET, i]] + NOISE_V * noise.next()
+    });
+    let file = fixture.folder.path().join("alike.npy");
+    ndarray_npy::write_npy(&file, &alike).unwrap();
+    let out = fixture.folder.path().join("alike");
+    let arguments = ["--frames", text(&file), "--out", text(&out), "--json"];
+    let answer = succeed(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
+    let still: Value = serde_json::from_str(&answer).unwrap();
+    assert_eq!((&still["still"], &still["method"]), (&true.into(), &"st-tv".into()), "{still}");
+    let images: Array3<f64> = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
+    let same = |f: usize| {
+        let pair = images.index_axis(Axis(0), 0).into_owned();
+        pair.iter().zip(images.index_axis(Axis(0), f)).all(|(a, b)| a == b || a.is_nan())
+    };
+    assert!((1..5).all(same), "one image serves all");
+}
+
+/// Without a known noise the weights come from the model's error, and the user is told.
+#[test]
+fn unknown_noise_is_said() {
+    let fixture = fixture();
+    let scene = fixture.scene("[reconstruction]\npixels = 24\nmethod = \"st-tv\"\n");
+    let (images, report) = fixture.run(&scene, &["--reference", "0"]);
+    assert!(report["notes"].to_string().contains("additive_v"), "{}", report["notes"]);
+    assert_eq!(report["quiet_frames"], 0, "without noise no frame is quiet");
+    let error = distance(centre_m(&images, QUIET + 1), finger(1));
+    assert!(error < 0.01, "{error}");
+}
+
+#[test]
+fn unknown_methods_list_the_names() {
+    let fixture = fixture();
+    let out = fixture.folder.path().join("none");
+    let arguments = ["--frames", text(&fixture.frames), "--reference", "0", "--out", text(&out)];
+    let scene = fixture.scene("");
+    let wrong = [&["reconstruct", text(&scene), "--method", "st-tw"], &arguments[..]].concat();
+    let found = refuse(&wrong);
+    for method in METHODS {
+        assert!(found.contains(&format!("\"{method}\"")), "{found}");
+    }
+    assert!(!out.exists(), "refused before anything is made");
+    let found = refuse(&["plan", text(&fixture.scene("[reconstruction]\nmethod = \"TV\"\n"))]);
+    assert!(found.contains("reconstruction.method = \"TV\"") && found.contains("\"kalman\""));
+    // quiet frames that the recording has not
+    let scene = fixture.scene("[noise]\nquiet_frames = [0, 99]\n");
+    let found = refuse(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
+    assert!(found.contains("quiet_frames") && found.contains("0 to 11"), "{found}");
+}
+
+#[test]
+fn plan_tells_the_method_and_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = |more: &str, arguments: &[&str]| {
+        let scene = write_scene(folder.path(), &format!("{SMALL}\n{more}"));
+        succeed(&[&["plan", text(&scene)], arguments].concat())
+    };
+    let told = plan("", &[]);
+    assert!(told.contains("method gauss-newton") && told.contains("states no noise"), "{told}");
+    let noise = "[noise]\nadditive_v = 1e-6\n";
+    let told = plan(noise, &[]);
+    for words in [
+        "method st-tv: the scene states its noise",
+        "static scene",
+        "single one (plain total variation)",
+        "discrepancy principle",
+        "260 iterations to gap 1e-2",
+        "20 Gflop/s",
+        "20 frames assumed",
+        "rank 20 at most",
+    ] {
+        assert!(told.contains(words), "{words}: {told}");
+    }
+    // the recording is read for its size: one frame is plain total variation
+    let one = folder.path().join("one.csv");
+    std::fs::write(&one, vec!["1"; 40].join(",")).unwrap();
+    let told = plan(&format!("{noise}[recording]\nfile = \"one.csv\"\nreference = 0\n"), &[]);
+    assert!(told.contains("method tv: one frame"), "{told}");
+    for method in METHODS {
+        assert!(plan("", &["--method", method]).contains(&format!("method {method}: asked for")));
+    }
+}
+
+/// The whole comparison in seconds: every method is in it, and every file.
+#[test]
+fn report_compares_every_method() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let answer = succeed(&["report", "--quick", "--out", text(&out), "--json"]);
+    let json: Value = serde_json::from_str(&answer).unwrap();
+    let rows = json["methods"].as_array().unwrap();
+    for finger in ["bell", "pad"] {
+        for method in METHODS {
+            let row = rows.iter().find(|r| r["method"] == method && r["finger"] == finger);
+            let row = row.unwrap_or_else(|| unreachable!("{method} on {finger} is missing"));
+            // an empty image has 1; measured 0.28 to 0.57
+            let error = row["scores"]["relative_error"].as_f64().unwrap();
+            assert!(error < 0.8, "{method}, {finger}: {error}");
+        }
+        let st_tv = rows.iter().find(|r| r["method"] == "st-tv" && r["finger"] == finger).unwrap();
+        let points = st_tv["points"].as_array().unwrap();
+        let gap = |p: &Value| p["gap"].as_f64().unwrap();
+        let (first, last) = (points.first().unwrap(), points.last().unwrap());
+        assert!(points.len() > 2 && gap(last) < gap(first), "{points:?}");
+    }
+    let files = ["error_bell.png", "error_pad.png", "gap.png", "images.png", "report.md"];
+    for name in files {
+        assert!(std::fs::metadata(out.join(name)).unwrap().len() > 1000, "{name}");
+    }
+    let answer = succeed(&["report", "--quick", "--quality", "--out", text(&out), "--json"]);
+    let json: Value = serde_json::from_str(&answer).unwrap();
+    // shapes, speeds, touches, methods
+    assert_eq!(json["rows"].as_array().unwrap().len(), 2 * 2 * 2 * 6);
+    let csv = std::fs::read_to_string(out.join("quality.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + 48);
+    let columns = csv.lines().next().unwrap().split(',').count();
+    assert_eq!(columns, 18);
+    assert!(std::fs::read_to_string(out.join("quality.md")).unwrap().contains("## Correlation"));
+    assert!(!out.join("gap.png").exists(), "results of the other part do not stay");
+}
