@@ -47,7 +47,7 @@ pub(crate) enum Command {
     Jacobian(JacobianArgs),
     /// Turn recorded frames into images of the conductivity change.
     ///
-    /// State the noise in the scene ([noise] additive_v or quiet_frames) and the method is total
+    /// State the noise in the scene (noise.additive_v or noise.quiet_frames) and the method is total
     /// variation in space and time; without it one-step Gauss-Newton. `eit plan` says which and why.
     ///
     /// Writes images.npy [frame, row, column] in siemens (row 0 at the top, NaN outside the

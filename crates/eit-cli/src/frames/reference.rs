@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 /// A reference frame.
 pub(super) struct Taken {
-    /// The mean, [measurement].
+    /// The mean, `[measurement]`.
     pub values: Vec<f64>,
     /// Which of them are good.
     pub good: Vec<bool>,

@@ -28,7 +28,10 @@ pub(crate) struct Imaging {
 }
 
 /// The scene's prior.
-pub(crate) fn prior(scene: &Scene, setup: &Setup) -> Result<Box<dyn Prior>, CliError> {
+pub(crate) fn prior(
+    scene: &Scene,
+    setup: &Setup,
+) -> Result<Box<dyn Prior + Send + Sync>, CliError> {
     let surface = setup.mesh.surface();
     let length = scene.reconstruction.correlation_length_m;
     Ok(match scene.reconstruction.prior.unwrap_or(PriorKind::Laplace) {

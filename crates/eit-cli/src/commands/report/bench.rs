@@ -20,7 +20,7 @@ pub(super) struct Bench {
     pub linearised: Linearised,
     pub raster: Raster,
     pub cells: Cells<2>,
-    pub prior: Box<dyn Prior>,
+    pub prior: Box<dyn Prior + Send + Sync>,
 }
 
 impl Bench {

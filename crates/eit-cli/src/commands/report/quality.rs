@@ -1,10 +1,11 @@
 //! Quality of every method over noise, speed and number of touches.
 
+mod tables;
+
+use super::Answer;
 use super::bench::{Bench, ENTRANTS, Entry};
-use super::scores::{Greit, Scores, Truth};
-use super::{Answer, markdown};
+use super::scores::{Scores, Truth};
 use crate::error::CliError;
-use crate::method::Method;
 use crate::output::{OutFolder, io};
 use crate::pipeline;
 use crate::progress::Progress;
@@ -69,21 +70,21 @@ pub(super) fn run(
     let simulation = pipeline::setup(&bench.scene, None, Some(nodes), progress)?;
     let movies = FingerShape::ALL.len() * SPEEDS.len() * grid.touches.len();
     let runs = movies * grid.noise_db.len() * METHODS;
+    let (bench_ref, simulation_ref, grid_ref) = (&bench, &simulation, &grid);
     let rows = progress.steps("quality", runs, |bar| {
-        let mut rows = Vec::new();
-        for (shape_name, shape) in FingerShape::ALL {
-            let finger = Finger { shape, ..Default::default() };
-            for (speed, step_m) in SPEEDS {
-                for &touches in grid.touches {
-                    let frames = grid.frames;
-                    let settings =
-                        MovieSettings { touches, frames, step_m, finger, ..Default::default() };
-                    let names = (shape_name, speed);
-                    rows.extend(movie_rows(&bench, &simulation, &grid, (names, &settings), bar)?);
-                }
+        // a thread for each shape; the rows come in the same order whatever their timing
+        std::thread::scope(|scope| {
+            let of_shape = |(name, shape)| {
+                move || shape_rows((bench_ref, simulation_ref, grid_ref), (name, shape), bar)
+            };
+            let threads = FingerShape::ALL.map(|shape| scope.spawn(of_shape(shape)));
+            let mut rows = Vec::new();
+            for thread in threads {
+                let died = |_| CliError::Failure("a thread of the report died".to_owned());
+                rows.extend(thread.join().map_err(died)??);
             }
-        }
-        Ok::<_, CliError>(rows)
+            Ok::<_, CliError>(rows)
+        })
     })?;
     let note = format!(
         "Simulated on {} nodes with the full non-linear model, reconstructed on {} nodes and {} x \
@@ -101,9 +102,9 @@ pub(super) fn run(
         1e3 * SLOW_M,
         1e3 * FAST_M
     );
-    let markdown = report(&rows, &grid, &note);
+    let markdown = tables::markdown_of(&rows, &grid, &note);
     out.write("quality.md", |w| w.write_all(markdown.as_bytes()).map_err(io))?;
-    out.write("quality.csv", |w| w.write_all(csv(&rows).as_bytes()).map_err(io))?;
+    out.write("quality.csv", |w| w.write_all(tables::csv(&rows).as_bytes()).map_err(io))?;
     let json = json!({
         "note": note,
         "rows": rows.iter().map(|row| json!({
@@ -122,6 +123,24 @@ pub(super) fn run(
     let text =
         format!("{markdown}\nwritten to {}: {}", out.path().display(), out.names().join(", "));
     Ok(Answer { text, json })
+}
+
+/// All movies of fingers of one shape.
+fn shape_rows(
+    (bench, simulation, grid): (&Bench, &pipeline::Setup, &Grid),
+    (name, shape): (&'static str, FingerShape),
+    bar: &indicatif::ProgressBar,
+) -> Result<Vec<Row>, CliError> {
+    let finger = Finger { shape, ..Default::default() };
+    let mut rows = Vec::new();
+    for (speed, step_m) in SPEEDS {
+        for &touches in grid.touches {
+            let frames = grid.frames;
+            let settings = MovieSettings { touches, frames, step_m, finger, ..Default::default() };
+            rows.extend(movie_rows(bench, simulation, grid, ((name, speed), &settings), bar)?);
+        }
+    }
+    Ok(rows)
 }
 
 /// All noise levels and methods on one movie.
@@ -170,207 +189,4 @@ fn movie_rows(
         }
     }
     Ok(rows)
-}
-
-/// A figure of merit in a table.
-struct Figure {
-    title: &'static str,
-    value: fn(&Scores) -> f64,
-    digits: usize,
-    /// Whether more is better.
-    more: bool,
-}
-
-const FIGURES: [Figure; 5] = [
-    Figure {
-        title: "Relative error (0 best, 1 for an empty image)",
-        value: |s| s.relative_error,
-        digits: 3,
-        more: false,
-    },
-    Figure { title: "Correlation", value: |s| s.correlation, digits: 3, more: true },
-    Figure {
-        title: "Structural similarity (SSIM)",
-        value: |s| s.similarity,
-        digits: 3,
-        more: true,
-    },
-    Figure {
-        title: "Position error of found fingers, mm",
-        value: |s| 1e3 * s.position_error_m,
-        digits: 1,
-        more: false,
-    },
-    Figure { title: "Part of the fingers found", value: |s| s.found, digits: 2, more: true },
-];
-
-fn report(rows: &[Row], grid: &Grid, note: &str) -> String {
-    let mut text = format!("# Quality of every method\n\n{note} Best of a row in bold.\n");
-    for figure in &FIGURES {
-        text += &format!("\n## {}\n\nMean over the numbers of touches.\n\n", figure.title);
-        text += &table(rows, figure, &["finger", "noise, dB", "speed"], &|row| {
-            vec![row.shape.to_owned(), format!("{}", row.noise_db), row.speed.to_owned()]
-        });
-        text += "\nMean over noise levels and speeds.\n\n";
-        text += &table(rows, figure, &["finger", "touches"], &|row| {
-            vec![row.shape.to_owned(), row.touches.to_string()]
-        });
-    }
-    text += "\n## GREIT figures of a single finger\n\nMean over frames and speeds: amplitude \
-             response (1 best), position error in mm, resolution, shape deformation, ringing (0 \
-             best).\n\n";
-    text += &greit_table(rows, grid);
-    text += &format!("\n## Where st-tv is not the best by relative error\n\n{}", losses(rows));
-    text
-}
-
-/// Means of a figure: one line for each key that rows have, one column a method.
-fn table(
-    rows: &[Row],
-    figure: &Figure,
-    keys: &[&str],
-    key: &dyn Fn(&Row) -> Vec<String>,
-) -> String {
-    let mut lines: Vec<Vec<String>> = Vec::new();
-    for row in rows {
-        let key = key(row);
-        if !lines.contains(&key) {
-            lines.push(key);
-        }
-    }
-    let body: Vec<Vec<String>> = lines
-        .into_iter()
-        .map(|line| {
-            let means: Vec<f64> = (0..METHODS)
-                .map(|entrant| {
-                    let of = rows.iter().filter(|row| row.entrant == entrant && key(row) == line);
-                    mean(of.map(|row| (figure.value)(&row.scores)))
-                })
-                .collect();
-            let finite = means.iter().copied().filter(|m| m.is_finite());
-            let better = |a: f64, b: f64| if figure.more { a.max(b) } else { a.min(b) };
-            let best = finite.reduce(better).unwrap_or(f64::NAN);
-            let cells = means.iter().map(|m| {
-                let cell = format!("{m:.*}", figure.digits);
-                if *m == best { format!("**{cell}**") } else { cell }
-            });
-            line.iter().cloned().chain(cells).collect()
-        })
-        .collect();
-    let names: Vec<String> = ENTRANTS[..METHODS].iter().map(|entrant| entrant.name()).collect();
-    let head: Vec<&str> = keys.iter().copied().chain(names.iter().map(String::as_str)).collect();
-    markdown(&head, &body)
-}
-
-fn greit_table(rows: &[Row], grid: &Grid) -> String {
-    type Of = fn(&Greit) -> f64;
-    let figures: [(&str, Of); 5] = [
-        ("AR", |g| g.amplitude_response),
-        ("PE, mm", |g| 1e3 * g.position_error_m),
-        ("RES", |g| g.resolution),
-        ("SD", |g| g.shape_deformation),
-        ("RNG", |g| g.ringing),
-    ];
-    let mut body = Vec::new();
-    let levels =
-        FingerShape::ALL.iter().flat_map(|shape| grid.noise_db.iter().map(|db| (shape.0, *db)));
-    for (shape, noise_db) in levels {
-        for (entrant, competitor) in ENTRANTS[..METHODS].iter().enumerate() {
-            let of = |row: &&Row| {
-                row.shape == shape && row.noise_db == noise_db && row.entrant == entrant
-            };
-            let single: Vec<Greit> =
-                rows.iter().filter(of).filter_map(|row| row.scores.greit).collect();
-            let cells = figures.iter().map(|(name, value)| {
-                let digits = if name.ends_with("mm") { 1 } else { 2 };
-                format!("{:.digits$}", mean(single.iter().map(value)))
-            });
-            body.push(
-                [format!("{noise_db}"), competitor.name()].into_iter().chain(cells).collect(),
-            );
-        }
-    }
-    let head: Vec<&str> =
-        ["finger", "noise, dB", "method"].into_iter().chain(figures.iter().map(|f| f.0)).collect();
-    markdown(&head, &body)
-}
-
-/// Movies on which another method has a smaller error than both forms of st-tv.
-fn losses(rows: &[Row]) -> String {
-    let mut body = Vec::new();
-    for movie in rows.chunks(METHODS) {
-        let error = |row: &&Row| row.scores.relative_error;
-        let least = |part: &mut dyn Iterator<Item = &'_ Row>| {
-            part.map(|row| (error(&row), row.entrant)).min_by(|a, b| a.0.total_cmp(&b.0))
-        };
-        let is_st_tv = |row: &&Row| ENTRANTS[row.entrant].method == Method::StTv;
-        let own = least(&mut movie.iter().filter(is_st_tv));
-        let other = least(&mut movie.iter().filter(|row| !is_st_tv(row)));
-        if let (Some(own), Some(other), Some(row)) = (own, other, movie.first())
-            && other.0 < own.0
-        {
-            body.push(vec![
-                row.shape.to_owned(),
-                format!("{}", row.noise_db),
-                row.speed.to_owned(),
-                row.touches.to_string(),
-                format!("{:.3}", own.0),
-                format!("{:.3} ({})", other.0, ENTRANTS[other.1].name()),
-            ]);
-        }
-    }
-    if body.is_empty() {
-        return "Nowhere.\n".to_owned();
-    }
-    markdown(
-        &["finger", "noise, dB", "speed", "touches", "st-tv, better form", "best other"],
-        &body,
-    )
-}
-
-/// Mean of the finite values; NaN where there are none.
-fn mean(values: impl Iterator<Item = f64>) -> f64 {
-    let (sum, count) =
-        values.filter(|v| v.is_finite()).fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
-    sum / count
-}
-
-fn csv(rows: &[Row]) -> String {
-    let mut text = "finger,noise_db,speed,touches,method,relative_error,correlation,ssim,\
-                    position_error_m,found,extra,amplitude_response,greit_position_error_m,\
-                    resolution,shape_deformation,ringing,seconds,choice\n"
-        .to_owned();
-    for row in rows {
-        let s = &row.scores;
-        let g = s.greit.map_or_else(
-            || ",,,,".to_owned(),
-            |g| {
-                format!(
-                    "{},{},{},{},{}",
-                    g.amplitude_response,
-                    g.position_error_m,
-                    g.resolution,
-                    g.shape_deformation,
-                    g.ringing
-                )
-            },
-        );
-        text += &format!(
-            "{},{},{},{},\"{}\",{},{},{},{},{},{},{g},{},\"{}\"\n",
-            row.shape,
-            row.noise_db,
-            row.speed,
-            row.touches,
-            ENTRANTS[row.entrant].name(),
-            s.relative_error,
-            s.correlation,
-            s.similarity,
-            s.position_error_m,
-            s.found,
-            s.extra,
-            row.seconds,
-            row.choice
-        );
-    }
-    text
 }
