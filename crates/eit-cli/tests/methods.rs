@@ -179,7 +179,7 @@ fn the_scene_chooses() {
     assert_eq!(report["weights"]["lambda_space"], 1.0);
     assert_eq!(report["weights"]["rule"], "fixed by the scene");
     // a gap that no millisecond reaches: the best image so far, with its certificate
-    let keys = "pixels = 24\nlambda_space = 1.0\ntarget_gap = 1e-12\ndeadline_s = 1e-3\n";
+    let keys = "pixels = 64\nlambda_space = 1e7\ntarget_gap = 1e-12\ndeadline_s = 1e-3\n";
     let scene = fixture.scene(&format!("[reconstruction]\n{keys}"));
     let (images, report) = fixture.run(&scene, &reference);
     assert_eq!(report["status"], "deadline", "{report}");

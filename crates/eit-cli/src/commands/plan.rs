@@ -8,7 +8,7 @@ use super::Answer;
 use crate::cli::PlanArgs;
 use crate::error::CliError;
 use crate::frames;
-use crate::method;
+use crate::method::{self, MethodChoice};
 use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
 use crate::scene::{OneOrMany, Scene, Shape};
@@ -49,11 +49,24 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
         "expected_voltage_error": voltage_error,
         "built": progress.times(),
     });
+    let text = text(&scene.name, &choice, (&stages, &left_out, &words), voltage_error);
+    Ok(Answer { text, json })
+}
+
+/// What a stage leaves out, and why.
+type LeftOut = Vec<(&'static str, String)>;
+
+fn text(
+    name: &str,
+    choice: &MethodChoice,
+    (stages, left_out, words): (&[Stage], &LeftOut, &[String]),
+    voltage_error: Option<f64>,
+) -> String {
     let mut lines = vec![
         format!("method {}: {}", choice.method.name(), choice.why),
-        format!("{}: what is done", scene.name),
+        format!("{name}: what is done"),
     ];
-    for s in &stages {
+    for s in stages {
         lines.push(format!(
             "  {:<22} {:<44} {:>9} flop {:>9} B {:>9} s",
             s.name,
@@ -81,7 +94,7 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     }
     lines.push("left out".to_owned());
     lines.extend(left_out.iter().map(|(what, why)| format!("  {what:<22} {why}")));
-    Ok(Answer { text: lines.join("\n"), json })
+    lines.join("\n")
 }
 
 /// Frames of the scene's recording, where it can be read.

@@ -129,7 +129,7 @@ pub(crate) struct TvMovie {
 
 /// Reconstructs a sequence: quiet frames are skipped, a still scene is one frame, weights are those
 /// of the scene or chosen from the noise. `gain` is the factor from the model's voltages to the
-/// reference's.
+/// reference's. Long, but one chain: each step decides what the next has to do.
 pub(crate) fn reconstruct(
     scene: &Scene,
     method: Method,

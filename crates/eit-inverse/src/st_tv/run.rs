@@ -29,8 +29,8 @@ const CLOCK: usize = 4;
 /// Weights above this, in the solver's units, change no result but would overflow `f32`.
 const LARGEST_WEIGHT: f64 = 1e8;
 
-/// Gap that is rounding, in the solver's units, where data is 1.
-const SMALLEST_GAP: f64 = 1e-12;
+/// Objective that is rounding of zero, in the solver's units, where data is 1.
+const SMALLEST_PRIMAL: f64 = 1e-14;
 
 /// State of a solve.
 pub(crate) struct Run<'a, T> {
@@ -133,7 +133,7 @@ impl<'a, T: Scalar> Run<'a, T> {
                 break MovieStatus::Converged;
             }
             // where the optimum is zero no relative gap can be reached
-            if self.best.primal - self.best.lower_bound <= SMALLEST_GAP {
+            if self.best.primal <= SMALLEST_PRIMAL {
                 break MovieStatus::Stalled;
             }
             if let Some(status) = self.over(limits) {

@@ -86,22 +86,7 @@ pub(super) fn run(
             Ok::<_, CliError>(rows)
         })
     })?;
-    let note = format!(
-        "Simulated on {} nodes with the full non-linear model, reconstructed on {} nodes and {} x \
-         {} pixels; {} frames a movie. Fingers raise the conductivity by half: bells of 12 mm \
-         standard deviation, or pads, flat with an edge, of 17 mm radius and the same amount. Noise \
-         in decibel below the root mean square voltage, on frames and reference. Slow: {} mm a \
-         frame, fast: {} mm. Weights of total variation by the rule of `eit reconstruct`; \
-         of the others the better, in hindsight, of cross-validation and noise figure 1. \"Never \
-         below 0\": with the bound that pressing only raises the conductivity.",
-        simulation.mesh.surface().nodes().len(),
-        bench.setup.mesh.surface().nodes().len(),
-        grid.pixels,
-        grid.pixels,
-        grid.frames,
-        1e3 * SLOW_M,
-        1e3 * FAST_M
-    );
+    let note = note(&bench, &simulation, &grid);
     let markdown = tables::markdown_of(&rows, &grid, &note);
     out.write("quality.md", |w| w.write_all(markdown.as_bytes()).map_err(io))?;
     out.write("quality.csv", |w| w.write_all(tables::csv(&rows).as_bytes()).map_err(io))?;
@@ -123,6 +108,26 @@ pub(super) fn run(
     let text =
         format!("{markdown}\nwritten to {}: {}", out.path().display(), out.names().join(", "));
     Ok(Answer { text, json })
+}
+
+/// What was compared, in words.
+fn note(bench: &Bench, simulation: &pipeline::Setup, grid: &Grid) -> String {
+    format!(
+        "Simulated on {} nodes with the full non-linear model, reconstructed on {} nodes and {} x \
+         {} pixels; {} frames a movie. Fingers raise the conductivity by half: bells of 12 mm \
+         standard deviation, or pads, flat with an edge, of 17 mm radius and the same amount. Noise \
+         in decibel below the root mean square voltage, on frames and reference. Slow: {} mm a \
+         frame, fast: {} mm. Weights of total variation by the rule of `eit reconstruct`; \
+         of the others the better, in hindsight, of cross-validation and noise figure 1. \"Never \
+         below 0\": with the bound that pressing only raises the conductivity.",
+        simulation.mesh.surface().nodes().len(),
+        bench.setup.mesh.surface().nodes().len(),
+        grid.pixels,
+        grid.pixels,
+        grid.frames,
+        1e3 * SLOW_M,
+        1e3 * FAST_M
+    )
 }
 
 /// All movies of fingers of one shape.

@@ -41,7 +41,7 @@ struct Size {
 }
 
 const FULL: Size =
-    Size { frames: 20, pixels: 64, absolute_frames: 20, target_gap: 1e-4, last_deadline_s: 40.0 };
+    Size { frames: 20, pixels: 64, absolute_frames: 20, target_gap: 1e-4, last_deadline_s: 10.0 };
 const QUICK: Size =
     Size { frames: 8, pixels: 32, absolute_frames: 2, target_gap: 1e-3, last_deadline_s: 2.0 };
 
@@ -76,20 +76,7 @@ pub(super) fn run(
 ) -> Result<Answer, CliError> {
     let size = if quick { QUICK } else { FULL };
     let bench = Bench::new(size.pixels, progress)?;
-    let mut simulated = Vec::new();
-    for (name, shape) in FingerShape::ALL {
-        let settings = MovieSettings {
-            touches: TOUCHES,
-            frames: size.frames,
-            step_m: SLOW_M,
-            finger: Finger { shape, ..Default::default() },
-            noise_db: NOISE_DB,
-            ..Default::default()
-        };
-        let movie = simulate(&bench.scene, &settings, &bench.raster, progress)?;
-        let truth = bench.pixels_of(movie.truth.view())?;
-        simulated.push((name, movie, truth));
-    }
+    let simulated = recordings(&bench, &size, progress)?;
     let courses = progress.steps("methods", simulated.len() * ENTRANTS.len(), |bar| {
         let mut courses = Vec::new();
         for (shape, movie, truth) in &simulated {
@@ -136,6 +123,29 @@ pub(super) fn run(
 
 /// A simulated recording, its name and its truth [frame, masked pixel].
 type Recording = (&'static str, Simulated, Array2<f64>);
+
+/// Simulates a recording of each shape of fingers.
+fn recordings(
+    bench: &Bench,
+    size: &Size,
+    progress: &mut Progress,
+) -> Result<Vec<Recording>, CliError> {
+    let mut simulated = Vec::new();
+    for (name, shape) in FingerShape::ALL {
+        let settings = MovieSettings {
+            touches: TOUCHES,
+            frames: size.frames,
+            step_m: SLOW_M,
+            finger: Finger { shape, ..Default::default() },
+            noise_db: NOISE_DB,
+            ..Default::default()
+        };
+        let movie = simulate(&bench.scene, &settings, &bench.raster, progress)?;
+        let truth = bench.pixels_of(movie.truth.view())?;
+        simulated.push((name, movie, truth));
+    }
+    Ok(simulated)
+}
 
 /// Sets a method up and runs it, once or with growing deadlines.
 fn course(

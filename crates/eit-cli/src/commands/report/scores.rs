@@ -81,13 +81,7 @@ impl Scores {
             // an image without any change has no correlation: as far from the truth as can be
             let correlation = correlation_coefficient(&image, &wanted, areas)?;
             sums.correlation += if correlation.is_nan() { 0.0 } else { correlation };
-            let (raster, mask) = (&bench.raster, bench.raster.mask().view());
-            let images = [&image, &wanted].map(|pixels| raster.image_from_pixels(pixels));
-            let [image_2d, wanted_2d] = images;
-            let (image_2d, wanted_2d) = (image_2d?, wanted_2d?);
-            let similarity =
-                structural_similarity(image_2d.view(), wanted_2d.view(), mask, Some(range))?;
-            sums.similarity += similarity.unwrap_or(0.0);
+            sums.similarity += similarity(bench, &image, &wanted, range)?;
             let positions = &truth.positions_m[frame];
             let settings = TouchSettings { within_m: WITHIN_M, ..Default::default() };
             let touches = touch_position_errors_m(&image, &bench.cells, positions, &settings)?;
@@ -96,16 +90,8 @@ impl Scores {
             fingers += positions.len();
             sums.extra += touches.extra as f64;
             if let [position_m] = positions[..] {
-                let amount_s_m2 = bench.cells.integral(&wanted)?;
-                let target = GreitTarget { position_m, amount_s_m2 };
-                let figures = greit_figures(&image, &bench.cells, ChangeSign::Increase, &target)?;
                 let greit = sums.greit.get_or_insert_with(Greit::default);
-                // an image without any change has none of the figures
-                let one = figures.map_or([0.0; 5], |f| {
-                    let error_m = f.position_error_m.abs();
-                    [f.amplitude_response, error_m, f.resolution, f.shape_deformation, f.ringing]
-                });
-                greit.add(one, 1.0 / count as f64);
+                greit.add(figures(bench, &image, &wanted, position_m)?, 1.0 / count as f64);
             }
         }
         let mean = |sum: f64| sum / count as f64;
@@ -136,6 +122,31 @@ impl Scores {
             })),
         })
     }
+}
+
+/// The five figures of an image; none of them for one without any change.
+fn figures(
+    bench: &Bench,
+    image: &[f64],
+    truth: &[f64],
+    position_m: [f64; 2],
+) -> Result<[f64; 5], CliError> {
+    let target = GreitTarget { position_m, amount_s_m2: bench.cells.integral(truth)? };
+    let figures = greit_figures(image, &bench.cells, ChangeSign::Increase, &target)?;
+    Ok(figures.map_or([0.0; 5], |f| {
+        let error_m = f.position_error_m.abs();
+        [f.amplitude_response, error_m, f.resolution, f.shape_deformation, f.ringing]
+    }))
+}
+
+/// Structural similarity of pixels, relative to a range.
+fn similarity(bench: &Bench, image: &[f64], truth: &[f64], range: f64) -> Result<f64, CliError> {
+    let image = bench.raster.image_from_pixels(image)?;
+    let truth = bench.raster.image_from_pixels(truth)?;
+    let mask = bench.raster.mask().view();
+    // a truth without any change has no range
+    let range = Some(range).filter(|range| *range > 0.0);
+    Ok(structural_similarity(image.view(), truth.view(), mask, range)?.unwrap_or(0.0))
 }
 
 impl Greit {
