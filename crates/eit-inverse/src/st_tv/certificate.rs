@@ -43,6 +43,8 @@ pub(crate) struct Problem<'a> {
     pub(crate) ops: &'a Operators<f64>,
     pub(crate) laplacian: &'a Laplacian,
     pub(crate) parts: &'a Parts,
+    /// Those of the whole protocol, descending.
+    pub(crate) singular: &'a [f64],
     pub(crate) modes: &'a [Mode],
     /// `[frame]`.
     pub(crate) mode_of: &'a [usize],

@@ -14,16 +14,31 @@
 //! with `sigma tau (|D|^2 + 4 + 1) <= 1` (the 4 where the movie has more than one frame, the 1
 //! where there are bounds) and `rho` = 1.9.
 //!
+//! # One sweep
+//! What follows the data step of one iteration and what comes before that of the next needs of an
+//! unknown only its neighbours. So both run in one sweep over blocks of unknowns: a block gets its
+//! image; the groups that it completes get their duals; the blocks which those complete get their
+//! `w` and give their share of `V' w`. The basis, the largest array, comes from memory once, and
+//! everything else once to be read and once to be written.
+//!
+//! # Head and tail
+//! Singular values of an electrode array fall by a million from the first to the last. Where
+//! `tau s^2` is small an explicit step serves as well as the exact one: these directions, the tail,
+//! enter as a constant force `V (s y)`, `y = s c - b`, that is brought up to date every
+//! [`REFRESH`] iterations, and the products run over the head alone. The fixed point is the same.
+//!
 //! # Cost
-//! Per iteration `4 n r T` flops in two dense products (`n` unknowns, `r` the rank of the data, `T`
-//! frames, padded to a multiple of 8) and about 14 passes over arrays of `n T` values. For
-//! 64 x 64 x 20 (`n` = 3228, `r` = 104) that is 26.9 Mflop and 3.6 MB in `f32`.
+//! Per iteration `4 n h T` flops in two dense products (`n` unknowns, `h` the head's rank, `T`
+//! frames, padded to a multiple of 8) and 5 arrays of `n T` values, read, 4 of them written. For
+//! 64 x 64 x 20 (`n` = 3228, `h` = 72 of 104) that is 18.6 Mflop and 0.9 + 2.8 MB in `f32`.
 //! docs/PERFORMANCE.md has the measured time against that floor.
 //!
 //! Long because both halves of the iteration and their element-wise steps share one layout, and are
-//! inlined into one function each.
+//! inlined into one function.
 
-use super::kernel::{LANES, PANEL, add_row, block, for_blocks, lanes, panels_times, put};
+use super::kernel::{
+    LANES, PANEL, RANKS, add_row, add_scaled, analyse, lanes, row, row_mut, synthesise,
+};
 use super::operators::{BLOCK, Group, Operators};
 use super::scalar::Scalar;
 use pulp::{Arch, Simd, WithSimd};
@@ -33,6 +48,9 @@ const RHO: f64 = 1.9;
 
 /// Zeros before and after the arrays whose neighbours in time are read across row ends.
 const PAD: usize = LANES;
+
+/// Iterations that share one force of the tail.
+pub(crate) const REFRESH: usize = 32;
 
 /// Step sizes and weights.
 #[derive(Debug, Clone, Copy)]
@@ -60,12 +78,22 @@ pub(crate) struct State<T> {
     pub(crate) time_dual: Vec<T>,
     /// `p`; empty without bounds.
     pub(crate) bound_dual: Vec<T>,
-    /// `w`, then `x^`, then `x-`, with [`PAD`] values after.
+    /// `w`, then `x^`, then `x-`, then the next `w`, with [`PAD`] values after.
     work: Vec<T>,
     /// `x^` of the last iteration that was asked to keep it.
     pub(crate) candidate: Vec<T>,
     /// `V' w`, then `c' - V' w`.
     coefficients: Vec<T>,
+    /// Those of the next `w` while they are summed.
+    next: Vec<T>,
+    /// Ranks below are the head, see the module.
+    pub(crate) head: usize,
+    /// Force of the tail, `V (s y)`, of blocks of unknowns; not used where there is no tail.
+    tail: Vec<T>,
+    /// Iterations since the tail was brought up to date.
+    pub(crate) age: usize,
+    /// The primal step for which `work` holds `w` and `coefficients` its coefficients.
+    prepared: Option<f64>,
     /// 1 for frames whose change to the next one counts, `[stride]`.
     links: Vec<T>,
     /// 1 for frames, 0 for padding, which has no bounds: it would leave zero where they exclude it,
@@ -90,6 +118,11 @@ impl<T: Scalar> State<T> {
             work: vec![zero; values + PAD],
             candidate: vec![zero; values],
             coefficients: vec![zero; ops.padded_rank * stride],
+            next: vec![zero; ops.padded_rank * stride],
+            head: ops.padded_rank,
+            tail: vec![zero; values],
+            age: REFRESH,
+            prepared: None,
             links,
             present: (0..stride).map(|t| T::from_f64(if t < frames { 1.0 } else { 0.0 })).collect(),
         }
@@ -97,6 +130,9 @@ impl<T: Scalar> State<T> {
 
     /// Takes image and duals of a state of the same problem.
     pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.prepared = None;
+        (self.head, self.age) = (other.head, other.age);
+        self.tail.copy_from_slice(&other.tail);
         self.image.copy_from_slice(&other.image);
         self.dual.copy_from_slice(&other.dual);
         self.time_dual.copy_from_slice(&other.time_dual);
@@ -105,6 +141,7 @@ impl<T: Scalar> State<T> {
 
     /// Which frames are linked to their next one, `[stride]`, 1 or 0. The last one never is.
     pub(crate) fn links_mut(&mut self) -> &mut [T] {
+        self.prepared = None;
         &mut self.links
     }
 
@@ -115,6 +152,8 @@ impl<T: Scalar> State<T> {
 
     /// Forgets image and duals.
     pub(crate) fn clear(&mut self) {
+        self.age = REFRESH;
+        self.prepared = None;
         let zero = T::default();
         self.image.fill(zero);
         self.dual.fill(zero);
@@ -125,6 +164,8 @@ impl<T: Scalar> State<T> {
     /// Moves all frames one back in time; the last one keeps its image and duals, and has no change
     /// in time to it yet.
     pub(crate) fn shift(&mut self) {
+        self.age = REFRESH;
+        self.prepared = None;
         let (stride, frames) = (self.stride, self.frames);
         for array in [&mut self.image, &mut self.dual, &mut self.bound_dual] {
             for row in array.chunks_exact_mut(stride) {
@@ -141,6 +182,8 @@ impl<T: Scalar> State<T> {
 
     /// Subtracts the last frame's image from those of `frames`.
     pub(crate) fn subtract_newest(&mut self, frames: std::ops::Range<usize>) {
+        self.age = REFRESH;
+        self.prepared = None;
         let last = self.frames - 1;
         for row in self.image.chunks_exact_mut(self.stride) {
             let newest = row[last];
@@ -153,26 +196,52 @@ impl<T: Scalar> State<T> {
         &self.time_dual[PAD + unknown * self.stride..][..self.stride]
     }
 
-    /// One iteration. `fit` replaces the coefficients `[rank][stride]` of `w` by the change that
-    /// the data asks for. With `keep` the unrelaxed image is kept as the candidate.
+    /// Brings the tail up to date, with a head of these ranks. `fit` replaces the coefficients
+    /// `[rank][stride]` of the image, of which those of the tail are given, by their force.
+    pub(crate) fn refresh_tail(
+        &mut self,
+        arch: Arch,
+        ops: &Operators<T>,
+        head: usize,
+        fit: impl FnOnce(&mut [T], usize),
+    ) {
+        self.head = head.next_multiple_of(RANKS).min(ops.padded_rank);
+        self.age = 0;
+        self.prepared = None;
+        if self.head < ops.padded_rank {
+            arch.dispatch(Analyse { state: self, ops });
+            fit(&mut self.next, self.stride);
+            arch.dispatch(Pull { state: self, ops });
+        }
+    }
+
+    /// One iteration. `fit` replaces the head's coefficients `[rank][stride]` of `w` by the change
+    /// that the data asks for. With `keep` the unrelaxed image is kept as the candidate. `next_tau` is
+    /// the primal step of the iteration to come; another one costs a sweep more.
     pub(crate) fn iterate(
         &mut self,
         arch: Arch,
         ops: &Operators<T>,
         steps: &Steps,
+        next_tau: f64,
         keep: bool,
         mut fit: impl FnMut(&mut [T], usize),
     ) {
-        let scaled = Scaled::new(steps);
-        arch.dispatch(Descend { state: self, ops, steps: &scaled });
+        if self.prepared != Some(steps.tau) {
+            arch.dispatch(Descend { state: self, ops, tau: T::from_f64(steps.tau) });
+        }
         fit(&mut self.coefficients, self.stride);
-        arch.dispatch(Ascend { state: self, ops, steps: &scaled, keep });
+        let next_tau_scaled = T::from_f64(next_tau);
+        let steps = Scaled::new(steps);
+        arch.dispatch(Sweep { state: self, ops, steps: &steps, next_tau: next_tau_scaled, keep });
+        std::mem::swap(&mut self.coefficients, &mut self.next);
+        self.prepared = Some(next_tau);
+        self.age += 1;
     }
 }
 
 /// [`Steps`] in the iteration's type.
 struct Scaled<T> {
-    tau: T,
     sigma: T,
     rho: T,
     space: T,
@@ -183,7 +252,6 @@ struct Scaled<T> {
 impl<T: Scalar> Scaled<T> {
     fn new(steps: &Steps) -> Self {
         Self {
-            tau: T::from_f64(steps.tau),
             sigma: T::from_f64(steps.sigma),
             rho: T::from_f64(RHO),
             space: T::from_f64(steps.lambda_space),
@@ -193,11 +261,51 @@ impl<T: Scalar> Scaled<T> {
     }
 }
 
-/// First half: `w` and its coefficients.
+/// The tail's coefficients of the image.
+struct Analyse<'a, T> {
+    state: &'a mut State<T>,
+    ops: &'a Operators<T>,
+}
+
+impl<T: Scalar> WithSimd for Analyse<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { state, ops } = self;
+        let (rank, stride) = (ops.padded_rank, state.stride);
+        state.next.fill(T::default());
+        let blocks = ops.basis.chunks_exact(BLOCK / PANEL * rank);
+        for (basis, image) in blocks.zip(state.image.chunks_exact(BLOCK * stride)) {
+            analyse(basis, rank, state.head..rank, image, stride, &mut state.next);
+        }
+    }
+}
+
+/// The tail's force on all unknowns.
+struct Pull<'a, T> {
+    state: &'a mut State<T>,
+    ops: &'a Operators<T>,
+}
+
+impl<T: Scalar> WithSimd for Pull<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { state, ops } = self;
+        let rank = ops.padded_rank;
+        state.tail.fill(T::default());
+        let range = state.head..rank;
+        synthesise(&ops.basis, rank, range, &state.next, state.stride, &mut state.tail);
+    }
+}
+
+/// `w` and its coefficients, without an iteration before.
 struct Descend<'a, T> {
     state: &'a mut State<T>,
     ops: &'a Operators<T>,
-    steps: &'a Scaled<T>,
+    tau: T,
 }
 
 impl<T: Scalar> WithSimd for Descend<'_, T> {
@@ -205,112 +313,145 @@ impl<T: Scalar> WithSimd for Descend<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { state, ops, steps } = self;
-        let stride = state.stride;
-        state.coefficients.fill(T::default());
-        let minus_tau = T::default() - steps.tau;
-        for first in (0..ops.unknowns).step_by(BLOCK) {
-            let count = BLOCK.min(ops.unknowns - first);
-            for p in first..first + count {
-                for_blocks!(stride, |offset, WIDTH| {
-                    let force = force::<T, WIDTH>(state, ops, p, offset);
-                    let at = p * stride + offset;
-                    let image = block::<T, WIDTH>(&state.image, at);
-                    put(&mut state.work, at, add_row(minus_tau, &force, image));
-                });
-            }
-            let panels = ops.padded_rank / PANEL;
-            let analysis = &ops.analysis[first * panels..][..count * panels];
-            let block = &state.work[first * stride..][..count * stride];
-            panels_times(analysis, count, block, stride, &mut state.coefficients);
+        let Self { state, ops, tau } = self;
+        state.next.fill(T::default());
+        for block in 0..ops.ready.len() {
+            descend(state, ops, block, tau);
         }
+        std::mem::swap(&mut state.coefficients, &mut state.next);
     }
 }
 
-/// `D' q + D_t' q_t + p` of `L` frames of an unknown.
+/// `w` of a block, and its share of the coefficients.
 #[inline(always)]
-fn force<T: Scalar, const L: usize>(
-    state: &State<T>,
+fn descend<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, block: usize, tau: T) {
+    let stride = state.stride;
+    let first = block * BLOCK;
+    for p in first..(first + BLOCK).min(ops.unknowns) {
+        step_down(state, ops, p, tau);
+    }
+    let basis = &ops.basis[first / PANEL * ops.padded_rank..];
+    let basis = &basis[..BLOCK / PANEL * ops.padded_rank];
+    let own = &state.work[first * stride..][..BLOCK * stride];
+    analyse(basis, ops.padded_rank, 0..state.head, own, stride, &mut state.next);
+}
+
+/// `w = x - tau (D' q + D_t' q_t + p + tail)` of an unknown.
+#[inline(always)]
+fn step_down<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, unknown: usize, tau: T) {
+    let stride = state.stride;
+    let at = unknown * stride;
+    let minus_tau = T::default() - tau;
+    let mut offset = 0;
+    while offset < stride {
+        offset += match stride - offset {
+            24.. => divergence::<T, 3>(state, ops, unknown, offset, minus_tau),
+            16.. => divergence::<T, 2>(state, ops, unknown, offset, minus_tau),
+            _ => divergence::<T, 1>(state, ops, unknown, offset, minus_tau),
+        };
+    }
+    let work = &mut state.work[at..at + stride];
+    if !state.time_dual.is_empty() {
+        // before the first frame stands the zero at the end of the row before; one after the other,
+        // since the compiler would shuffle two loads that overlap
+        add_scaled(tau, &state.time_dual[PAD + at..][..stride], work);
+        add_scaled(minus_tau, &state.time_dual[PAD + at - 1..][..stride], work);
+    }
+    if !state.bound_dual.is_empty() {
+        add_scaled(minus_tau, &state.bound_dual[at..][..stride], work);
+    }
+    if state.head < ops.padded_rank {
+        add_scaled(minus_tau, &state.tail[at..][..stride], work);
+    }
+}
+
+/// `w = x - tau D' q` of `B` blocks of frames; returns how many frames these are.
+#[inline(always)]
+fn divergence<T: Scalar, const B: usize>(
+    state: &mut State<T>,
     ops: &Operators<T>,
     unknown: usize,
     offset: usize,
-) -> [T; L] {
-    let mut sum = [T::default(); L];
-    for (row, value) in ops.divergence.row(unknown) {
-        let dual = block::<T, L>(&state.dual, row * state.stride + offset);
-        sum = add_row(value, &dual, sum);
+    minus_tau: T,
+) -> usize {
+    let mut sums = [[T::default(); LANES]; B];
+    for (r, value) in ops.divergence.row(unknown) {
+        let duals = row(&state.dual, r * state.stride + offset, B * LANES);
+        for b in 0..B {
+            sums[b] = add_row(value, &duals[b], sums[b]);
+        }
     }
     let at = unknown * state.stride + offset;
-    if !state.time_dual.is_empty() {
-        // before the first frame stands the zero at the end of the row before
-        let before = block::<T, L>(&state.time_dual, PAD + at - 1);
-        let here = block::<T, L>(&state.time_dual, PAD + at);
-        sum = lanes(|l| sum[l] + (before[l] - here[l]));
+    let image = row(&state.image, at, B * LANES);
+    let work = row_mut(&mut state.work, at, B * LANES);
+    for b in 0..B {
+        work[b] = add_row(minus_tau, &sums[b], image[b]);
     }
-    if !state.bound_dual.is_empty() {
-        let bound = block::<T, L>(&state.bound_dual, at);
-        sum = lanes(|l| sum[l] + bound[l]);
-    }
-    sum
+    B * LANES
 }
 
-/// Second half: the image from the fitted coefficients, then all duals.
-struct Ascend<'a, T> {
+/// The image from the fitted coefficients, all duals, and the next `w` with its coefficients.
+struct Sweep<'a, T> {
     state: &'a mut State<T>,
     ops: &'a Operators<T>,
     steps: &'a Scaled<T>,
+    next_tau: T,
     keep: bool,
 }
 
-impl<T: Scalar> WithSimd for Ascend<'_, T> {
+impl<T: Scalar> WithSimd for Sweep<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { state, ops, steps, keep } = self;
-        let stride = state.stride;
-        let rank = ops.padded_rank;
-        for first in (0..ops.unknowns).step_by(BLOCK) {
-            let count = BLOCK.min(ops.unknowns - first);
-            let own = first * stride..(first + count.next_multiple_of(PANEL)) * stride;
-            let synthesis = &ops.synthesis[first / PANEL * rank..];
-            let synthesis = &synthesis[..count.div_ceil(PANEL) * rank];
-            panels_times(
-                synthesis,
-                rank,
-                &state.coefficients,
-                stride,
-                &mut state.work[own.clone()],
-            );
-            if keep {
-                state.candidate[own.clone()].copy_from_slice(&state.work[own.clone()]);
-            }
-            extrapolate(&mut state.image[own.clone()], &mut state.work[own.clone()], steps.rho);
-            if let Some(bounds) = steps.bounds {
-                let duals = state.bound_dual[own.clone()].chunks_exact_mut(stride);
-                for (duals, row) in duals.zip(state.work[own].chunks_exact(stride)) {
-                    bound_step(duals, row, &state.present, steps.sigma, bounds, steps.rho);
-                }
-            }
-            if !state.time_dual.is_empty() {
-                for p in first..first + count {
-                    for_blocks!(stride, |offset, WIDTH| {
-                        time_step::<T, WIDTH>(state, ops, steps, p, offset);
-                    });
-                }
-            }
-        }
-        let pairs = ops.components == 2;
-        for (index, (group, &radius)) in ops.groups.iter().zip(&ops.radius).enumerate() {
-            let radius = steps.space * radius;
-            let at = index * ops.components * stride;
-            for_blocks!(stride, |offset, WIDTH| {
-                if pairs {
-                    pair_step::<T, WIDTH>(state, group, steps, radius, at + offset, offset);
+        let Self { state, ops, steps, next_tau, keep } = self;
+        state.next.fill(T::default());
+        let (mut groups, mut blocks) = (0, 0);
+        for (block, ready) in ops.ready.iter().enumerate() {
+            ascend(state, ops, steps, block, keep);
+            for group in groups..ready.groups {
+                if ops.components == 2 {
+                    pair_step(state, ops, steps, group);
                 } else {
-                    single_step::<T, WIDTH>(state, group, steps, radius, at + offset, offset);
+                    single_step(state, ops, steps, group);
                 }
-            });
+            }
+            for block in blocks..ready.blocks {
+                descend(state, ops, block, next_tau);
+            }
+            (groups, blocks) = (ready.groups, ready.blocks);
+        }
+    }
+}
+
+/// Image, and duals of time and bounds, of a block.
+#[inline(always)]
+fn ascend<T: Scalar>(
+    state: &mut State<T>,
+    ops: &Operators<T>,
+    steps: &Scaled<T>,
+    block: usize,
+    keep: bool,
+) {
+    let (stride, first) = (state.stride, block * BLOCK);
+    let own = first * stride..(first + BLOCK) * stride;
+    let basis = &ops.basis[first / PANEL * ops.padded_rank..];
+    let basis = &basis[..BLOCK / PANEL * ops.padded_rank];
+    let work = &mut state.work[own.clone()];
+    synthesise(basis, ops.padded_rank, 0..state.head, &state.coefficients, stride, work);
+    if keep {
+        state.candidate[own.clone()].copy_from_slice(work);
+    }
+    extrapolate(&mut state.image[own.clone()], work, steps.rho);
+    if let Some(bounds) = steps.bounds {
+        let duals = state.bound_dual[own.clone()].chunks_exact_mut(stride);
+        for (duals, row) in duals.zip(work.chunks_exact(stride)) {
+            bound_step(duals, row, &state.present, steps.sigma, bounds, steps.rho);
+        }
+    }
+    if !state.time_dual.is_empty() {
+        for p in first..(first + BLOCK).min(ops.unknowns) {
+            time_step(state, ops, steps, p);
         }
     }
 }
@@ -348,84 +489,94 @@ fn bound_step<T: Scalar>(
 }
 
 #[inline(always)]
-fn time_step<T: Scalar, const L: usize>(
+fn time_step<T: Scalar>(
     state: &mut State<T>,
     ops: &Operators<T>,
     steps: &Scaled<T>,
     unknown: usize,
-    offset: usize,
 ) {
-    let at = unknown * state.stride + offset;
-    let here = block::<T, L>(&state.work, at);
-    // what is read beyond the row's end has no link
-    let after = block::<T, L>(&state.work, at + 1);
-    let links = block::<T, L>(&state.links, offset);
-    let old = block::<T, L>(&state.time_dual, PAD + at);
-    let radius = steps.time * ops.time_radius[unknown];
-    let new = lanes(|l| {
-        let limit = radius * links[l];
-        let up = steps.sigma.mul_add(after[l] - here[l], old[l]);
-        let new = up.min(limit).max(T::default() - limit);
-        steps.rho.mul_add(new - old[l], old[l])
-    });
-    put::<T, L>(&mut state.time_dual, PAD + at, new);
-}
-
-/// Differences of a group in `L` frames, one array for each component.
-#[inline(always)]
-fn differences<T: Scalar, const L: usize>(
-    state: &State<T>,
-    group: &Group<T>,
-    offset: usize,
-) -> [[T; L]; 2] {
-    let row = |place: usize| group.unknowns[place] as usize * state.stride + offset;
-    let rows = [0, 1, 2].map(|place| block::<T, L>(&state.work, row(place)));
-    group.weights.map(|w| {
-        let first = lanes(|l| w[0] * rows[0][l]);
-        add_row(w[2], &rows[2], add_row(w[1], &rows[1], first))
-    })
-}
-
-#[inline(always)]
-fn pair_step<T: Scalar, const L: usize>(
-    state: &mut State<T>,
-    group: &Group<T>,
-    steps: &Scaled<T>,
-    radius: T,
-    at: usize,
-    offset: usize,
-) {
-    let [da, db] = differences::<T, L>(state, group, offset);
     let stride = state.stride;
-    let a = block::<T, L>(&state.dual, at);
-    let b = block::<T, L>(&state.dual, at + stride);
-    let up_a = add_row(steps.sigma, &da, a);
-    let up_b = add_row(steps.sigma, &db, b);
-    let shrink: [T; L] = lanes(|l| {
-        let norm = up_a[l].mul_add(up_a[l], up_b[l] * up_b[l]).sqrt();
-        radius / norm.max(radius)
-    });
-    let relax =
-        |up: [T; L], old: [T; L]| lanes(|l| steps.rho.mul_add(up[l] * shrink[l] - old[l], old[l]));
-    put::<T, L>(&mut state.dual, at, relax(up_a, a));
-    put::<T, L>(&mut state.dual, at + stride, relax(up_b, b));
+    let at = unknown * stride;
+    let here = row(&state.work, at, stride);
+    // what is read beyond the row's end has no link
+    let after = row(&state.work, at + 1, stride);
+    let links = row(&state.links, 0, stride);
+    let radius = steps.time * ops.time_radius[unknown];
+    let duals = row_mut(&mut state.time_dual, PAD + at, stride);
+    for ((q, links), (here, after)) in duals.iter_mut().zip(links).zip(here.iter().zip(after)) {
+        *q = lanes(|l| {
+            let limit = radius * links[l];
+            let up = steps.sigma.mul_add(after[l] - here[l], q[l]);
+            let new = up.min(limit).max(T::default() - limit);
+            steps.rho.mul_add(new - q[l], q[l])
+        });
+    }
+}
+
+/// Differences of a group, one array for each component.
+#[inline(always)]
+pub(crate) fn differences<T: Scalar>(group: &Group<T>, rows: [&[T; LANES]; 3]) -> [[T; LANES]; 2] {
+    // not by `map`: a closure inside it is compiled for the least of all machines
+    let component = |w: &[T; 3]| {
+        let first = lanes(|l| w[0] * rows[0][l]);
+        add_row(w[2], rows[2], add_row(w[1], rows[1], first))
+    };
+    [component(&group.weights[0]), component(&group.weights[1])]
+}
+
+/// The rows of a group's unknowns.
+#[inline(always)]
+fn group_rows<'a, T: Scalar>(
+    work: &'a [T],
+    group: &Group<T>,
+    stride: usize,
+) -> [&'a [[T; LANES]]; 3] {
+    group.unknowns.map(|p| row(work, p as usize * stride, stride))
 }
 
 #[inline(always)]
-fn single_step<T: Scalar, const L: usize>(
+fn pair_step<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, steps: &Scaled<T>, index: usize) {
+    let stride = state.stride;
+    let group = &ops.groups[index];
+    let radius = steps.space * ops.radius[index];
+    let [first, second, third] = group_rows(&state.work, group, stride);
+    let duals = &mut state.dual[2 * index * stride..][..2 * stride];
+    let (a, b) = duals.split_at_mut(stride);
+    let duals = a.as_chunks_mut::<LANES>().0.iter_mut().zip(b.as_chunks_mut::<LANES>().0);
+    for ((a, b), ((first, second), third)) in duals.zip(first.iter().zip(second).zip(third)) {
+        let [da, db] = differences(group, [first, second, third]);
+        let up_a = add_row(steps.sigma, &da, *a);
+        let up_b = add_row(steps.sigma, &db, *b);
+        let shrink = lanes(|l| {
+            let norm = up_a[l].mul_add(up_a[l], up_b[l] * up_b[l]).sqrt();
+            radius / norm.max(radius)
+        });
+        let relax = |up: [T; LANES], old: [T; LANES]| {
+            lanes(|l| steps.rho.mul_add(up[l] * shrink[l] - old[l], old[l]))
+        };
+        *a = relax(up_a, *a);
+        *b = relax(up_b, *b);
+    }
+}
+
+#[inline(always)]
+fn single_step<T: Scalar>(
     state: &mut State<T>,
-    group: &Group<T>,
+    ops: &Operators<T>,
     steps: &Scaled<T>,
-    radius: T,
-    at: usize,
-    offset: usize,
+    index: usize,
 ) {
-    let [d, _] = differences::<T, L>(state, group, offset);
-    let old = block::<T, L>(&state.dual, at);
-    let new = lanes(|l| {
-        let up = steps.sigma.mul_add(d[l], old[l]);
-        let new = up.min(radius).max(T::default() - radius);
-        steps.rho.mul_add(new - old[l], old[l])
-    });
-    put::<T, L>(&mut state.dual, at, new);
+    let stride = state.stride;
+    let group = &ops.groups[index];
+    let radius = steps.space * ops.radius[index];
+    let [first, second, third] = group_rows(&state.work, group, stride);
+    let duals = row_mut(&mut state.dual, index * stride, stride);
+    for (q, ((first, second), third)) in duals.iter_mut().zip(first.iter().zip(second).zip(third)) {
+        let [d, _] = differences(group, [first, second, third]);
+        *q = lanes(|l| {
+            let up = steps.sigma.mul_add(d[l], q[l]);
+            let new = up.min(radius).max(T::default() - radius);
+            steps.rho.mul_add(new - q[l], q[l])
+        });
+    }
 }

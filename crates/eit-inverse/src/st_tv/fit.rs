@@ -1,25 +1,98 @@
-//! The exact data step, in the coordinates of each frame's mode.
+//! One iteration of a run, with its exact data step in the coordinates of each frame's mode.
 
-use super::certificate::{Fidelity, gather};
-use super::data::{Mode, Target};
+use super::certificate::{Fidelity, Problem, gather};
+use super::engine::{REFRESH, State, Steps};
+use super::kernel::RANKS;
+use super::operators::Operators;
 use super::scalar::Scalar;
+use super::step;
+use pulp::Arch;
 
-/// Data of all frames as the data step reads it.
-pub(crate) struct Fit<'a> {
-    pub(crate) modes: &'a [Mode],
-    /// `[frame]`.
-    pub(crate) mode_of: &'a [usize],
-    /// `[frame]`.
-    pub(crate) targets: &'a [Target],
-    pub(crate) fidelity: Fidelity<'a>,
+/// Weights above this, in the solver's units, change no result but would overflow `f32`.
+const LARGEST_WEIGHT: f64 = 1e8;
+
+/// What the data step writes.
+pub(crate) struct Memory<'a> {
+    /// Two of `[rank]`.
+    pub(crate) columns: &'a mut [Vec<f64>; 2],
+    /// Dual variable of the data, `[frame][rank]`.
+    pub(crate) data_dual: &'a mut [f64],
+}
+
+/// One iteration with a primal step `tau`, before one with `next_tau`. Where `tail` is false its
+/// force stays as it is, however old.
+pub(crate) fn iterate<T: Scalar>(
+    (arch, ops): (Arch, &Operators<T>),
+    problem: &Problem<'_>,
+    state: &mut State<T>,
+    memory: Memory<'_>,
+    [tau, next_tau]: [f64; 2],
+    (keep, tail): (bool, bool),
+) {
+    let Memory { columns: [column, rotated], data_dual } = memory;
+    if tail && state.age >= REFRESH {
+        let head = head(problem, tau);
+        state.refresh_tail(arch, ops, head, |coefficients, stride| {
+            pull(problem, head.next_multiple_of(RANKS), coefficients, stride, data_dual);
+        });
+    }
+    let steps = Steps {
+        tau,
+        sigma: 1.0 / (tau * step::norm_squared(ops, state)),
+        lambda_space: problem.lambda_space.min(LARGEST_WEIGHT),
+        lambda_time: problem.lambda_time.min(LARGEST_WEIGHT),
+        bounds: problem.bounds,
+    };
+    let fit = Fit { problem, margin: margin(T::EPSILON), tau, head: state.head };
+    state.iterate(arch, ops, &steps, next_tau, keep, |coefficients, stride| {
+        fit.apply(coefficients, stride, [column, rotated], data_dual);
+    });
+}
+
+/// Ranks that need the exact step: an explicit one must not overshoot before the tail is brought up
+/// to date. All of them where the data does not separate by ranks.
+fn head(problem: &Problem<'_>, tau: f64) -> usize {
+    let all = problem.singular.len();
+    let separate = |&mode: &usize| problem.modes[mode].rotation.is_empty();
+    if problem.fidelity != Fidelity::Penalised || !problem.mode_of.iter().all(separate) {
+        return all;
+    }
+    let least = 1.0 / (2.0 * REFRESH as f64 * tau);
+    problem.singular.iter().take_while(|&s| s * s > least).count()
+}
+
+/// Replaces the tail's coefficients `c` of the image by their force `s y`, `y = s c - b`.
+fn pull<T: Scalar>(
+    problem: &Problem<'_>,
+    head: usize,
+    coefficients: &mut [T],
+    stride: usize,
+    data_dual: &mut [f64],
+) {
+    let rank = problem.singular.len();
+    for (frame, dual) in data_dual.chunks_exact_mut(rank).enumerate() {
+        let (mode, target) = (&problem.modes[problem.mode_of[frame]], &problem.targets[frame]);
+        for k in head..rank {
+            let c = &mut coefficients[k * stride + frame];
+            dual[k] = mode.singular[k] * c.to_f64() - target.values[k];
+            *c = T::from_f64(mode.singular[k] * dual[k]);
+        }
+    }
+}
+
+/// The data step of one iteration.
+struct Fit<'a> {
+    problem: &'a Problem<'a>,
     /// Share of each radius to stay inside of, see [`margin`].
-    pub(crate) margin: f64,
-    pub(crate) tau: f64,
+    margin: f64,
+    tau: f64,
+    /// Ranks that take part.
+    head: usize,
 }
 
 /// Share of its radius that a data constraint is drawn in by, so that the rounding of the iteration
 /// leaves the image feasible.
-pub(crate) fn margin(rounding: f64) -> f64 {
+fn margin(rounding: f64) -> f64 {
     1e3 * rounding
 }
 
@@ -27,24 +100,28 @@ pub(crate) fn margin(rounding: f64) -> f64 {
 const MULTIPLIER_STEPS: usize = 60;
 
 impl Fit<'_> {
-    /// Replaces the coefficients `[rank][stride]` of `w` by `c' - V' w`, and sets the data's dual
-    /// variable, `[frame][rank]`.
+    /// Replaces the head's coefficients `[rank][stride]` of `w` by `c' - V' w`, and sets the data's
+    /// dual variable, `[frame][rank]`.
     ///
     /// ```text
     /// penalised:    y = (s u - b) / (1 + tau s^2)
     /// constrained:  y = mu (s u - b) / (1 + mu tau s^2),   mu >= 0 with |s u' - b| = delta
     /// u' = u - tau s y
     /// ```
-    pub(crate) fn apply<T: Scalar>(
+    fn apply<T: Scalar>(
         &self,
         coefficients: &mut [T],
         stride: usize,
-        [column, rotated]: [&mut [f64]; 2],
+        [column, rotated]: [&mut Vec<f64>; 2],
         data_dual: &mut [f64],
     ) {
+        let problem = self.problem;
         let rank = column.len();
+        let head = self.head.min(rank);
+        let (column, rotated) = (&mut column[..head], &mut rotated[..head]);
         for (frame, dual) in data_dual.chunks_exact_mut(rank).enumerate() {
-            let (mode, target) = (&self.modes[self.mode_of[frame]], &self.targets[frame]);
+            let dual = &mut dual[..head];
+            let (mode, target) = (&problem.modes[problem.mode_of[frame]], &problem.targets[frame]);
             gather(coefficients, stride, frame, column);
             mode.rotate(column, rotated);
             let terms = || mode.singular.iter().zip(&target.values);
@@ -52,7 +129,7 @@ impl Fit<'_> {
                 *y = s * u - b;
             }
             let tau = self.tau;
-            let mu = match self.fidelity {
+            let mu = match problem.fidelity {
                 Fidelity::Penalised => 1.0,
                 Fidelity::Constrained(delta) => {
                     let inside = delta[frame].powi(2) - target.rest_squared;

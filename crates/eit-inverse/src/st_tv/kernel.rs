@@ -4,56 +4,132 @@
 //! Layout: a value of unknown `p` at frame `t` is at `p * stride + t`, `stride` a multiple of
 //! [`LANES`]. All arithmetic runs along the frames, so that it is the same for every basis and an
 //! index is loaded once per row of frames.
+//!
+//! Both products read the basis in one order, panels of [`PANEL`] unknowns `[panel][rank]`, so that
+//! it is stored, and comes from memory, once. Sums stay in registers: four rows of 16 lanes are 8
+//! of the 16 registers of 256 bits, enough to hide the latency of an addition (12 spill).
 
 use super::scalar::Scalar;
+use std::ops::Range;
 
 /// Frames that are handled together at least; rows are padded to a multiple of it.
 pub(crate) const LANES: usize = 8;
 
-/// Rows of a packed panel: with 24 to 32 frames its sums fill the registers.
+/// Unknowns of a packed panel, and coefficients that a product handles together.
 pub(crate) const PANEL: usize = 4;
 
-/// `out[r, :] += sum_k a[k][r] x[k, :]` for packed panels `a` `[panel][k]`, `x` `[k, stride]`,
-/// `out` `[panel * PANEL, stride]`.
+/// Ranks are padded to a multiple of it.
+pub(crate) const RANKS: usize = 2 * PANEL;
+
+/// A row's widest part whose four sums fit the registers, and the next narrower ones.
+macro_rules! for_widths {
+    ($t:ty, $stride:expr, |$offset:ident, $width:ident| $wide:block, $narrow:block) => {{
+        let mut $offset = 0;
+        while $offset < $stride {
+            let single = size_of::<$t>() == 4;
+            $offset += match $stride - $offset {
+                16.. if single => {
+                    const $width: usize = 16;
+                    $wide
+                    $width
+                }
+                _ => {
+                    const $width: usize = LANES;
+                    $narrow
+                    $width
+                }
+            };
+        }
+    }};
+}
+
+/// `out[p, :] += sum_k a[p][k] x[k, :]` over the ranks `k` of `range` for panels `a`
+/// `[panel][rank]` of unknowns `p`, `x` `[rank, stride]`, `out` `[panel * PANEL, stride]`.
 #[inline(always)]
-pub(crate) fn panels_times<T: Scalar>(
+pub(crate) fn synthesise<T: Scalar>(
     a: &[[T; PANEL]],
-    depth: usize,
+    rank: usize,
+    range: Range<usize>,
     x: &[T],
     stride: usize,
     out: &mut [T],
 ) {
-    let mut panels = a.chunks_exact(2 * depth);
+    let x = &x[range.start * stride..range.end * stride];
+    let mut panels = a.chunks_exact(2 * rank);
     let mut outs = out.chunks_exact_mut(2 * PANEL * stride);
     for (a, out) in panels.by_ref().zip(outs.by_ref()) {
-        let mut offset = 0;
-        while offset < stride {
-            // two panels at once where a row of frames fills one register: eight sums hide the
-            // latency of an addition. With wider blocks one panel has as many.
-            offset += match stride - offset {
-                24.. => {
-                    let (first, second) = a.split_at(depth);
-                    let (top, bottom) = out.split_at_mut(PANEL * stride);
-                    panel_times::<T, 24>(first, x, stride, offset, top);
-                    panel_times::<T, 24>(second, x, stride, offset, bottom)
-                }
-                16..24 => pair_times::<T, 16>(a, x, stride, offset, out),
-                _ => pair_times::<T, LANES>(a, x, stride, offset, out),
-            };
-        }
-    }
-    for (a, out) in panels
-        .remainder()
-        .chunks_exact(depth)
-        .zip(outs.into_remainder().chunks_exact_mut(PANEL * stride))
-    {
-        for offset in (0..stride).step_by(LANES) {
-            panel_times::<T, LANES>(a, x, stride, offset, out);
-        }
+        let (first, second) = (&a[range.clone()], &a[rank..][range.clone()]);
+        let (top, bottom) = out.split_at_mut(PANEL * stride);
+        for_widths!(
+            T,
+            stride,
+            |offset, WIDTH| {
+                panel_times::<T, WIDTH>(first, x, stride, offset, top);
+                panel_times::<T, WIDTH>(second, x, stride, offset, bottom);
+            },
+            {
+                // two panels at once: eight sums hide the latency of an addition
+                pair_times::<T, WIDTH>(first, second, x, stride, offset, [&mut *top, &mut *bottom]);
+            }
+        );
     }
 }
 
-/// One panel, `L` frames; returns `L`.
+/// `out[k, :] += sum_p a[p][k] x[p, :]` for the ranks `k` of `range`, a multiple of [`RANKS`], for
+/// panels `a` `[panel][rank]` of unknowns `p`, `x` `[panel * PANEL, stride]`, `out`
+/// `[rank, stride]`.
+#[inline(always)]
+pub(crate) fn analyse<T: Scalar>(
+    a: &[[T; PANEL]],
+    rank: usize,
+    range: Range<usize>,
+    x: &[T],
+    stride: usize,
+    out: &mut [T],
+) {
+    let out = &mut out[range.start * stride..range.end * stride];
+    for (k, out) in range.step_by(RANKS).zip(out.chunks_exact_mut(RANKS * stride)) {
+        for_widths!(
+            T,
+            stride,
+            |offset, WIDTH| {
+                let (top, bottom) = out.split_at_mut(PANEL * stride);
+                gather_times::<T, WIDTH, PANEL>(a, rank, k, x, stride, offset, top);
+                gather_times::<T, WIDTH, PANEL>(a, rank, k + PANEL, x, stride, offset, bottom);
+            },
+            {
+                gather_times::<T, WIDTH, RANKS>(a, rank, k, x, stride, offset, out);
+            }
+        );
+    }
+}
+
+/// Rows `k..k + R` of [`analyse`], `L` frames.
+#[inline(always)]
+fn gather_times<T: Scalar, const L: usize, const R: usize>(
+    a: &[[T; PANEL]],
+    rank: usize,
+    k: usize,
+    x: &[T],
+    stride: usize,
+    offset: usize,
+    out: &mut [T],
+) {
+    let mut sums = [[T::default(); L]; R];
+    load(out, stride, offset, &mut sums);
+    for (a, rows) in a.chunks_exact(rank).zip(x.chunks_exact(PANEL * stride)) {
+        let Some(a) = a[k..].first_chunk::<R>() else { continue };
+        for (r, row) in rows.chunks_exact(stride).enumerate().take(PANEL) {
+            let Some(row) = row[offset..].first_chunk::<L>() else { continue };
+            for s in 0..R {
+                sums[s] = add_row(a[s][r], row, sums[s]);
+            }
+        }
+    }
+    store(out, stride, offset, &sums);
+}
+
+/// One panel, `L` frames.
 #[inline(always)]
 fn panel_times<T: Scalar, const L: usize>(
     a: &[[T; PANEL]],
@@ -61,7 +137,7 @@ fn panel_times<T: Scalar, const L: usize>(
     stride: usize,
     offset: usize,
     out: &mut [T],
-) -> usize {
+) {
     let mut sums = [[T::default(); L]; PANEL];
     load(out, stride, offset, &mut sums);
     for (a, row) in a.iter().zip(x.chunks_exact(stride)) {
@@ -70,20 +146,19 @@ fn panel_times<T: Scalar, const L: usize>(
             sums[r] = add_row(a[r], row, sums[r]);
         }
     }
-    store(out, stride, offset, &sums)
+    store(out, stride, offset, &sums);
 }
 
-/// Two panels, `L` frames; returns `L`.
+/// Two panels, `L` frames.
 #[inline(always)]
 fn pair_times<T: Scalar, const L: usize>(
-    a: &[[T; PANEL]],
+    first: &[[T; PANEL]],
+    second: &[[T; PANEL]],
     x: &[T],
     stride: usize,
     offset: usize,
-    out: &mut [T],
-) -> usize {
-    let (first, second) = a.split_at(a.len() / 2);
-    let (top, bottom) = out.split_at_mut(PANEL * stride);
+    [top, bottom]: [&mut [T]; 2],
+) {
     let mut sums = [[T::default(); L]; PANEL];
     let mut more = [[T::default(); L]; PANEL];
     load(top, stride, offset, &mut sums);
@@ -96,15 +171,15 @@ fn pair_times<T: Scalar, const L: usize>(
         }
     }
     store(top, stride, offset, &sums);
-    store(bottom, stride, offset, &more)
+    store(bottom, stride, offset, &more);
 }
 
 #[inline(always)]
-fn load<T: Scalar, const L: usize>(
+fn load<T: Scalar, const L: usize, const R: usize>(
     out: &[T],
     stride: usize,
     offset: usize,
-    sums: &mut [[T; L]; PANEL],
+    sums: &mut [[T; L]; R],
 ) {
     for (sum, row) in sums.iter_mut().zip(out.chunks_exact(stride)) {
         sum.copy_from_slice(&row[offset..offset + L]);
@@ -112,16 +187,15 @@ fn load<T: Scalar, const L: usize>(
 }
 
 #[inline(always)]
-fn store<T: Scalar, const L: usize>(
+fn store<T: Scalar, const L: usize, const R: usize>(
     out: &mut [T],
     stride: usize,
     offset: usize,
-    sums: &[[T; L]; PANEL],
-) -> usize {
+    sums: &[[T; L]; R],
+) {
     for (sum, row) in sums.iter().zip(out.chunks_exact_mut(stride)) {
         row[offset..offset + L].copy_from_slice(sum);
     }
-    L
 }
 
 /// `sum + factor * row`. By value, as [`lanes`].
@@ -134,44 +208,27 @@ pub(crate) fn add_row<T: Scalar, const L: usize>(factor: T, row: &[T; L], sum: [
     out
 }
 
-/// Runs a body for blocks of a row of `$stride` frames: `$offset` is a block's first frame,
-/// `$width` its constant length.
-macro_rules! for_blocks {
-    ($stride:expr, |$offset:ident, $width:ident| $body:block) => {{
-        const $width: usize = $crate::st_tv::kernel::LANES;
-        for $offset in (0..$stride).step_by($width) {
-            $body
-        }
-    }};
-}
-pub(crate) use for_blocks;
-
 /// One value for each lane. Results are collected before any is stored, so that the compiler need
 /// not prove that slices do not overlap before it takes whole registers.
 #[inline(always)]
-pub(crate) fn lanes<T: Scalar, const L: usize>(mut value: impl FnMut(usize) -> T) -> [T; L] {
-    let mut out = [T::default(); L];
+pub(crate) fn lanes<T: Scalar>(mut value: impl FnMut(usize) -> T) -> [T; LANES] {
+    let mut out = [T::default(); LANES];
     for (l, out) in out.iter_mut().enumerate() {
         *out = value(l);
     }
     out
 }
 
-/// `L` values from a place of an array; zeros where it ends before.
+/// A row from a place of an array, in blocks.
 #[inline(always)]
-pub(crate) fn block<T: Scalar, const L: usize>(values: &[T], at: usize) -> [T; L] {
-    match values.get(at..).and_then(|rest| rest.first_chunk::<L>()) {
-        Some(chunk) => *chunk,
-        None => [T::default(); L],
-    }
+pub(crate) fn row<T>(values: &[T], at: usize, stride: usize) -> &[[T; LANES]] {
+    values[at..at + stride].as_chunks().0
 }
 
-/// Stores `L` values.
+/// A row to write.
 #[inline(always)]
-pub(crate) fn put<T: Scalar, const L: usize>(values: &mut [T], at: usize, block: [T; L]) {
-    if let Some(chunk) = values.get_mut(at..).and_then(|rest| rest.first_chunk_mut::<L>()) {
-        *chunk = block;
-    }
+pub(crate) fn row_mut<T>(values: &mut [T], at: usize, stride: usize) -> &mut [[T; LANES]] {
+    values[at..at + stride].as_chunks_mut().0
 }
 
 /// `out += factor * row`, both a multiple of [`LANES`] long.

@@ -1,14 +1,14 @@
 //! What an iteration reads and never writes: the basis of the data space, packed for the inner
 //! loops, and the gradient by rows and by unknowns.
 
-use super::kernel::PANEL;
+use super::kernel::{PANEL, RANKS};
 use super::scalar::Scalar;
 use crate::Gradient;
 use faer::MatRef;
 
-/// Unknowns that are handled together, so that their rows stay in the first-level cache: 64 rows of
-/// 24 frames are 6 kB in `f32`. A multiple of [`PANEL`].
-pub(crate) const BLOCK: usize = 64;
+/// Unknowns that are handled together, so that their rows and their part of the basis stay in the
+/// caches: 32 rows of 24 frames are 3 kB in `f32`, of the basis 13 kB. A multiple of [`PANEL`].
+pub(crate) const BLOCK: usize = 32;
 
 /// The operators of one problem in one floating point type.
 ///
@@ -19,16 +19,16 @@ pub(crate) const BLOCK: usize = 64;
 pub(crate) struct Operators<T> {
     pub(crate) unknowns: usize,
     pub(crate) rank: usize,
-    /// `rank` rounded up to whole panels.
+    /// `rank` rounded up to a multiple of [`RANKS`].
     pub(crate) padded_rank: usize,
-    /// `V` `[unknown, rank]`, orthonormal columns, for `V' x`: per block of unknowns, panels of
-    /// four columns, each `[unknown of the block][4]`.
-    pub(crate) analysis: Vec<[T; PANEL]>,
-    /// `V` for `V c`: panels of four unknowns, each `[padded rank][4]`.
-    pub(crate) synthesis: Vec<[T; PANEL]>,
+    /// `V` `[unknown, rank]`, orthonormal columns: panels of four unknowns, each
+    /// `[padded rank][4]`, padded to whole blocks.
+    pub(crate) basis: Vec<[T; PANEL]>,
     pub(crate) gradient: Rows<T>,
-    /// The gradient by groups.
+    /// The gradient by groups, sorted by their last unknown.
     pub(crate) groups: Vec<Group<T>>,
+    /// What can be done once each block of unknowns is known, `[block]`.
+    pub(crate) ready: Vec<Ready>,
     /// The transposed gradient.
     pub(crate) divergence: Rows<T>,
     /// Rows of a group: 1 or 2.
@@ -68,6 +68,16 @@ impl<T: Scalar> Group<T> {
     }
 }
 
+/// How far the steps that follow a block of unknowns may go: on a basis whose neighbours have near
+/// numbers, they follow close behind, while all is still in the cache.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Ready {
+    /// Groups before this one have all their unknowns.
+    pub(crate) groups: usize,
+    /// Blocks of unknowns before this one have all their groups.
+    pub(crate) blocks: usize,
+}
+
 /// A sparse matrix by rows.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Rows<T> {
@@ -103,20 +113,13 @@ impl<T: Scalar> Operators<T> {
     /// Packs `basis` `[unknown, rank]`.
     pub(crate) fn new(basis: MatRef<'_, f64>, gradient: &Gradient) -> Self {
         let (unknowns, rank) = (basis.nrows(), basis.ncols());
-        let padded_rank = rank.next_multiple_of(PANEL);
+        let padded_rank = rank.next_multiple_of(RANKS);
         let entry = |p: usize, k: usize| {
             T::from_f64(if p < unknowns && k < rank { basis[(p, k)] } else { 0.0 })
         };
-        let mut analysis = Vec::with_capacity(unknowns.div_ceil(BLOCK) * BLOCK * padded_rank);
-        for block in (0..unknowns).step_by(BLOCK) {
-            for k in (0..padded_rank).step_by(PANEL) {
-                let unknowns = block..(block + BLOCK).min(unknowns);
-                analysis.extend(unknowns.map(|p| std::array::from_fn(|r| entry(p, k + r))));
-            }
-        }
-        let mut synthesis = Vec::with_capacity(unknowns.next_multiple_of(PANEL) * padded_rank);
-        for p in (0..unknowns).step_by(PANEL) {
-            synthesis.extend((0..padded_rank).map(|k| std::array::from_fn(|r| entry(p + r, k))));
+        let mut panels = Vec::with_capacity(unknowns.next_multiple_of(BLOCK) * padded_rank);
+        for p in (0..unknowns.next_multiple_of(BLOCK)).step_by(PANEL) {
+            panels.extend((0..padded_rank).map(|k| std::array::from_fn(|r| entry(p + r, k))));
         }
         let (rows, sizes) = scaled_rows(gradient);
         let mut transposed = vec![Vec::new(); unknowns];
@@ -134,9 +137,9 @@ impl<T: Scalar> Operators<T> {
             unknowns,
             rank,
             padded_rank,
-            analysis,
-            synthesis,
+            basis: panels,
             gradient: Rows::from_rows(&rows),
+            ready: ready(&rows, &transposed, gradient.components()),
             groups: rows.chunks(gradient.components()).map(Group::new).collect(),
             divergence: Rows::from_rows(&transposed),
             components: gradient.components(),
@@ -147,21 +150,52 @@ impl<T: Scalar> Operators<T> {
     }
 }
 
+/// See [`Ready`].
+fn ready(
+    rows: &[Vec<(u32, f64)>],
+    transposed: &[Vec<(u32, f64)>],
+    components: usize,
+) -> Vec<Ready> {
+    let last_group = |block: &[Vec<(u32, f64)>]| {
+        block.iter().flatten().map(|e| e.0 as usize / components + 1).max().unwrap_or(0)
+    };
+    let needed: Vec<usize> = transposed.chunks(BLOCK).map(last_group).collect();
+    let ends: Vec<usize> = rows.chunks(components).map(last_unknown).collect();
+    let (mut groups, mut blocks) = (0, 0);
+    (0..needed.len())
+        .map(|block| {
+            while groups < ends.len() && ends[groups] < (block + 1) * BLOCK {
+                groups += 1;
+            }
+            while blocks <= block && needed[blocks] <= groups {
+                blocks += 1;
+            }
+            Ready { groups, blocks }
+        })
+        .collect()
+}
+
+fn last_unknown(group: &[Vec<(u32, f64)>]) -> usize {
+    group.iter().flatten().map(|e| e.0 as usize).max().unwrap_or(0)
+}
+
 /// Rows divided by the size of their group, and the sizes: half the largest sum of absolute values
-/// of a row, which is 1 for differences of pixels.
+/// of a row, which is 1 for differences of pixels. Groups are sorted by their last unknown.
 fn scaled_rows(gradient: &Gradient) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
     let components = gradient.components();
-    let mut rows = Vec::with_capacity(gradient.rows());
-    let mut sizes = Vec::with_capacity(gradient.groups());
-    for group in 0..gradient.groups() {
-        let own = group * components..(group + 1) * components;
-        let half = |r: usize| 0.5 * gradient.row(r).1.iter().map(|v| v.abs()).sum::<f64>();
-        let size = own.clone().map(half).fold(0.0, f64::max);
-        sizes.push(size);
-        for r in own {
-            let (columns, values) = gradient.row(r);
-            rows.push(columns.iter().zip(values).map(|(&c, v)| (c, v / size)).collect());
-        }
-    }
-    (rows, sizes)
+    let mut groups: Vec<(f64, Vec<Vec<(u32, f64)>>)> = (0..gradient.groups())
+        .map(|group| {
+            let own = group * components..(group + 1) * components;
+            let half = |r: usize| 0.5 * gradient.row(r).1.iter().map(|v| v.abs()).sum::<f64>();
+            let size = own.clone().map(half).fold(0.0, f64::max);
+            let scaled = |r: usize| {
+                let (columns, values) = gradient.row(r);
+                columns.iter().zip(values).map(|(&c, v)| (c, v / size)).collect()
+            };
+            (size, own.map(scaled).collect())
+        })
+        .collect();
+    groups.sort_by_key(|(_, rows)| last_unknown(rows));
+    let sizes = groups.iter().map(|group| group.0).collect();
+    (groups.into_iter().flat_map(|group| group.1).collect(), sizes)
 }

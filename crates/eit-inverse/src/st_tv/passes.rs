@@ -1,6 +1,7 @@
 //! The passes over all unknowns that value an iterate, in `f64`, along the frames.
 
-use super::kernel::{LANES, PANEL, add_row, add_scaled, block, lanes, panels_times};
+use super::engine::differences;
+use super::kernel::{LANES, PANEL, add_row, add_scaled, analyse, lanes, row, synthesise};
 use super::operators::{BLOCK, Operators};
 use pulp::{Simd, WithSimd};
 
@@ -19,12 +20,10 @@ impl WithSimd for Analyse<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let Self { ops, x, stride, coefficients } = self;
         coefficients.fill(0.0);
-        let panels = ops.padded_rank / PANEL;
-        for first in (0..ops.unknowns).step_by(BLOCK) {
-            let count = BLOCK.min(ops.unknowns - first);
-            let analysis = &ops.analysis[first * panels..][..count * panels];
-            let block = &x[first * stride..][..count * stride];
-            panels_times(analysis, count, block, stride, coefficients);
+        let rank = ops.padded_rank;
+        let blocks = ops.basis.chunks_exact(BLOCK / PANEL * rank);
+        for (basis, block) in blocks.zip(x.chunks_exact(BLOCK * stride)) {
+            analyse(basis, rank, 0..rank, block, stride, coefficients);
         }
     }
 }
@@ -47,13 +46,10 @@ impl WithSimd for Variation<'_> {
         let Self { ops, x, stride, linked, .. } = self;
         let mut space = [0.0; LANES];
         for (group, radius) in ops.groups.iter().zip(&ops.radius) {
-            for offset in (0..stride).step_by(LANES) {
-                let rows =
-                    group.unknowns.map(|p| block::<_, LANES>(x, p as usize * stride + offset));
-                let [a, b] = group.weights.map(|w| {
-                    let first: [f64; LANES] = lanes(|l| w[0] * rows[0][l]);
-                    add_row(w[2], &rows[2], add_row(w[1], &rows[1], first))
-                });
+            let [first, second, third] =
+                group.unknowns.map(|p| row(x, p as usize * stride, stride));
+            for ((first, second), third) in first.iter().zip(second).zip(third) {
+                let [a, b] = differences(group, [first, second, third]);
                 // padding frames are constant
                 let norm: [f64; LANES] = lanes(|l| a[l].mul_add(a[l], b[l] * b[l]).sqrt());
                 space = add_row(*radius, &norm, space);
@@ -89,14 +85,8 @@ impl WithSimd for Error<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let Self { ops, stride, error, .. } = self;
         error.fill(0.0);
-        let values = ops.unknowns.next_multiple_of(PANEL) * stride;
-        panels_times(
-            &ops.synthesis,
-            ops.padded_rank,
-            self.coefficients,
-            stride,
-            &mut error[..values],
-        );
+        let rank = ops.padded_rank;
+        synthesise(&ops.basis, rank, 0..rank, self.coefficients, stride, error);
         for (p, row) in error.chunks_exact_mut(stride).take(ops.unknowns).enumerate() {
             for (r, value) in ops.divergence.row(p) {
                 add_scaled(value, &self.dual[r * stride..][..stride], row);

@@ -1,8 +1,8 @@
 //! From the first iterate to a certified result.
 
 use super::certificate::Evaluation;
-use super::engine::{State, Steps};
-use super::fit::{Fit, margin};
+use super::engine::State;
+use super::fit::{self, Memory};
 use super::operators::Operators;
 use super::scalar::Scalar;
 use super::settings::Stop;
@@ -26,9 +26,6 @@ const GROWTH: f64 = 1.35;
 const PROOF_SHARE: f64 = 0.4;
 /// Iterations between two looks at the clock.
 const CLOCK: usize = 4;
-/// Weights above this, in the solver's units, change no result but would overflow `f32`.
-const LARGEST_WEIGHT: f64 = 1e8;
-
 /// Objective that is rounding of zero, in the solver's units, where data is 1.
 const SMALLEST_PRIMAL: f64 = 1e-14;
 
@@ -43,7 +40,6 @@ pub(crate) struct Run<'a, T> {
     columns: [Vec<f64>; 2],
     /// First step size, see [`Self::step`].
     first_step: f64,
-    margin: f64,
     /// Iterations of the image's run, and of all.
     done: usize,
     total: usize,
@@ -106,7 +102,6 @@ impl<'a, T: Scalar> Run<'a, T> {
             evaluation,
             columns,
             first_step: 1.0,
-            margin: margin(T::EPSILON),
             done: 0,
             total: 0,
             best,
@@ -187,27 +182,23 @@ impl<'a, T: Scalar> Run<'a, T> {
     fn improve_image(&mut self, until: usize, limits: Limits) -> bool {
         while self.done < until {
             if self.done.is_multiple_of(CLOCK) && self.over(limits).is_some() {
-                self.keep_candidate();
+                self.improve(true);
                 return true;
             }
             if MEASURE_AT.contains(&self.done) {
                 self.measure_step();
             }
-            let keep = self.done + 1 == until;
-            let step = self.step();
-            self.iterate(Which::Image, step, keep);
-            self.done += 1;
-            self.total += 1;
+            self.improve(self.done + 1 == until);
         }
         false
     }
 
-    /// One more iteration, for the candidate.
-    fn keep_candidate(&mut self) {
+    /// One more iteration on the image.
+    fn improve(&mut self, keep: bool) {
         let step = self.step();
-        self.iterate(Which::Image, step, true);
         self.done += 1;
         self.total += 1;
+        self.iterate(Which::Image, [step, self.step()], keep);
     }
 
     /// Runs towards feasible dual variables from the image's state, and keeps the best bound.
@@ -221,7 +212,7 @@ impl<'a, T: Scalar> Run<'a, T> {
             let ending = k + 1 == count
                 || (self.total + 1) >= limits.iterations
                 || (k.is_multiple_of(CLOCK) && self.over(limits).is_some());
-            self.iterate(Which::Proof, step, k == look || ending);
+            self.iterate(Which::Proof, [step; 2], k == look || ending);
             self.total += 1;
             if k == look || ending {
                 let bound = self.evaluation.lower_bound(arch, &problem, &self.proof);
@@ -330,33 +321,17 @@ impl<'a, T: Scalar> Run<'a, T> {
         values
     }
 
-    /// One iteration of one of the runs.
-    fn iterate(&mut self, which: Which, tau: f64, keep: bool) {
-        let Self { task, ops, image, proof, evaluation, columns, margin, .. } = self;
-        let state = match which {
-            Which::Image => image,
-            Which::Proof => proof,
+    /// One iteration of one of the runs with this step, before one with the next.
+    fn iterate(&mut self, which: Which, taus: [f64; 2], keep: bool) {
+        let Self { task, ops, image, proof, evaluation, columns, .. } = self;
+        let (state, tail) = match which {
+            Which::Image => (image, true),
+            // its large steps would leave the tail behind
+            Which::Proof => (proof, false),
         };
-        let steps = Steps {
-            tau,
-            sigma: 1.0 / (tau * step::norm_squared(ops, state)),
-            lambda_space: task.lambda_space.min(LARGEST_WEIGHT),
-            lambda_time: task.lambda_time.min(LARGEST_WEIGHT),
-            bounds: task.bounds,
-        };
-        let fit = Fit {
-            modes: &task.data.modes,
-            mode_of: &task.data.mode_of,
-            targets: &task.data.targets,
-            fidelity: task.terms(),
-            margin: *margin,
-            tau,
-        };
-        let [column, rotated] = columns;
-        let dual = &mut evaluation.data_dual;
-        state.iterate(task.solver.arch, ops, &steps, keep, |coefficients, stride| {
-            fit.apply(coefficients, stride, [&mut *column, &mut *rotated], dual);
-        });
+        let memory = Memory { columns, data_dual: &mut evaluation.data_dual };
+        let problem = task.problem();
+        fit::iterate((task.solver.arch, ops), &problem, state, memory, taus, (keep, tail));
     }
 }
 

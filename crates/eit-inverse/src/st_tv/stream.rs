@@ -5,8 +5,8 @@
 
 use super::certificate::Evaluation;
 use super::data::{Mode, ModeScratch, Target};
-use super::engine::{State, Steps};
-use super::fit::{Fit, margin};
+use super::engine::State;
+use super::fit::{self, Memory};
 use super::settings::Fidelity;
 use super::step;
 use super::window::{Outcome, Which, Window};
@@ -117,8 +117,6 @@ const MEASURE_EVERY: usize = 8;
 /// proof gets three fifths as many.
 const FIRST_ROUND: usize = 20;
 const GROWTH: f64 = 1.35;
-/// As in a batch solve.
-const LARGEST_WEIGHT: f64 = 1e8;
 
 impl StTvStream {
     /// Sets up a stream.
@@ -490,33 +488,17 @@ impl StTvStream {
     /// Iterations of one of the runs; the last one keeps its image as the candidate.
     fn run(&mut self, count: usize, tau: f64, which: Which) {
         let Self { solver, window, evaluation, image, proof, scratch, .. } = self;
-        let state = match which {
-            Which::Image => image,
-            Which::Proof => proof,
+        let (state, tail) = match which {
+            Which::Image => (image, true),
+            Which::Proof => (proof, false),
         };
-        let norm_squared = step::norm_squared(&solver.single, state);
-        let [lambda_space, lambda_time] = window.weights;
-        let steps = Steps {
-            tau,
-            sigma: 1.0 / (tau * norm_squared),
-            lambda_space: lambda_space.min(LARGEST_WEIGHT),
-            lambda_time: lambda_time.min(LARGEST_WEIGHT),
-            bounds: window.bounds,
-        };
-        let fit = Fit {
-            modes: &window.modes,
-            mode_of: &window.mode_of,
-            targets: &window.targets,
-            fidelity: window.terms(),
-            margin: margin(f64::from(f32::EPSILON)),
-            tau,
-        };
-        let [column, rotated] = &mut scratch.columns;
+        let problem = window.problem(solver);
         for k in 0..count {
-            let dual = &mut evaluation.data_dual;
-            state.iterate(solver.arch, &solver.single, &steps, k + 1 == count, |c, stride| {
-                fit.apply(c, stride, [&mut *column, &mut *rotated], dual);
-            });
+            let memory =
+                Memory { columns: &mut scratch.columns, data_dual: &mut evaluation.data_dual };
+            let last = k + 1 == count;
+            let with = (solver.arch, &solver.single);
+            fit::iterate(with, &problem, state, memory, [tau; 2], (last, tail));
         }
     }
 

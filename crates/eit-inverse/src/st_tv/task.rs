@@ -124,6 +124,7 @@ impl<'a> Task<'a> {
             ops: &self.solver.double,
             laplacian: &self.solver.laplacian,
             parts: &self.solver.parts,
+            singular: &self.solver.compression.singular,
             modes: &self.data.modes,
             mode_of: &self.data.mode_of,
             targets: &self.data.targets,

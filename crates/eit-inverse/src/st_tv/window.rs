@@ -53,6 +53,7 @@ impl Window {
             ops: &solver.double,
             laplacian: &solver.laplacian,
             parts: &solver.parts,
+            singular: &solver.compression.singular,
             modes: &self.modes,
             mode_of: &self.mode_of,
             targets: &self.targets,
