@@ -228,12 +228,82 @@ fn what_a_recording_does_not_need_is_left_out() {
     let answer = succeed(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
     let still: Value = serde_json::from_str(&answer).unwrap();
     assert_eq!((&still["still"], &still["method"]), (&true.into(), &"st-tv".into()), "{still}");
+    assert_eq!(still["weights"]["lambda_time"], 0.0, "one image has nothing to couple");
+    // the plan looks at the recording and says the same
+    let noise = format!("[reconstruction]\npixels = 16\n[noise]\nadditive_v = {NOISE_V}\n");
+    let told = |file: &str| {
+        let recording = format!("[recording]\nfile = \"{file}\"\nreference = \"reference.npy\"\n");
+        let scene = fixture.scene(&format!("{noise}{recording}"));
+        succeed(&["plan", text(&scene)])
+    };
+    let plan = told("alike.npy");
+    for words in
+        ["time term: dropped, the 5 frames", "a static scene: one image", "mean of 5 frames"]
+    {
+        assert!(plan.contains(words), "{words}: {plan}");
+    }
+    let plan = told("frames.npy");
+    assert!(plan.contains("time term: couples 12 frames"), "{plan}");
     let images: Array3<f64> = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
     let same = |f: usize| {
         let pair = images.index_axis(Axis(0), 0).into_owned();
         pair.iter().zip(images.index_axis(Axis(0), f)).all(|(a, b)| a == b || a.is_nan())
     };
     assert!((1..5).all(same), "one image serves all");
+}
+
+/// Limits that no clock can count are none; a frame is named by its number in the recording.
+#[test]
+fn numbers_out_of_reach() {
+    let fixture = fixture();
+    let noise = format!("[noise]\nadditive_v = {NOISE_V}\n");
+    let keys = "pixels = 16\ndeadline_s = 1e300\n";
+    let scene = fixture.scene(&format!("[reconstruction]\n{keys}{noise}"));
+    assert_eq!(fixture.run(&scene, &["--reference", "0..8"]).1["status"], "converged");
+    let scene = fixture.scene(&format!("[reconstruction]\npixels = 16\ndelta = 0.0\n{noise}"));
+    let out = fixture.folder.path().join("none");
+    let arguments = ["--frames", text(&fixture.frames), "--reference", "0..8", "--out", text(&out)];
+    let found = refuse(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
+    // the first eight frames are quiet and not solved: the first that is solved is number 8
+    assert!(found.contains(&format!("frame {QUIET}: delta is 0")), "{found}");
+    let scene = fixture.scene("[reconstruction]\ntarget_gap = 5.0\n");
+    assert!(refuse(&["plan", text(&scene)]).contains("target_gap is 5: "));
+}
+
+/// Residuals of the methods on elements are in units of the noise that a difference has, with the
+/// gain of the recording against the model and the share of the reference.
+#[test]
+fn residuals_are_in_units_of_the_noise() {
+    let fixture = fixture();
+    let frames: Array2<f64> = ndarray_npy::read_npy(&fixture.frames).unwrap();
+    // a recording in another unit: everything, noise included, is ten times as large
+    let file = fixture.folder.path().join("ten.npy");
+    ndarray_npy::write_npy(&file, &(10.0 * &frames)).unwrap();
+    let run = |file: &Path, noise_v: f64| -> Value {
+        let keys = "pixels = 16\nmethod = \"time-prior\"\n";
+        let noise = format!("[noise]\nadditive_v = {noise_v:e}\n");
+        let scene = fixture.scene(&format!("[reconstruction]\n{keys}{noise}"));
+        let out = fixture.folder.path().join("out");
+        let recording = ["--frames", text(file), "--reference", "0..8", "--out", text(&out)];
+        let answer =
+            succeed(&[&["reconstruct", text(&scene)], &recording[..], &["--json"]].concat());
+        serde_json::from_str(&answer).unwrap()
+    };
+    let [one, ten] = [run(&fixture.frames, NOISE_V), run(&file, 10.0 * NOISE_V)];
+    let residual = |report: &Value, frame: usize| report["residual"][frame].as_f64().unwrap();
+    for frame in 0..QUIET + TOUCHED {
+        let ratio = residual(&ten, frame) / residual(&one, frame);
+        // rounding of 10 v
+        assert!((ratio - 1.0).abs() < 1e-6, "frame {frame}: {ratio}");
+    }
+    // a quiet frame holds noise alone, of which the image follows some degrees of freedom; those
+    // just before the finger have some of its image, for the prior in time
+    let wanted = one["residual_wanted"].as_f64().unwrap();
+    for frame in 0..QUIET - 4 {
+        let ratio = residual(&one, frame) / wanted;
+        // 40 measurements, up to 20 of them followed: the root of a half, and a spread of a ninth
+        assert!((0.4..1.4).contains(&ratio), "frame {frame}: {ratio}");
+    }
 }
 
 /// Without a known noise the weights come from the model's error, and the user is told.
@@ -296,6 +366,11 @@ fn plan_tells_the_method_and_why() {
     std::fs::write(&one, vec!["1"; 40].join(",")).unwrap();
     let told = plan(&format!("{noise}[recording]\nfile = \"one.csv\"\nreference = 0\n"), &[]);
     assert!(told.contains("method tv: one frame"), "{told}");
+    assert!(told.contains("time term: dropped, one frame is plain total variation"), "{told}");
+    assert!(told.contains("pixels, one frame"), "{told}");
+    // without a weight in time nothing is coupled, whatever the frames
+    let told = plan(&format!("{noise}[reconstruction]\nlambda_time = 0.0\n"), &[]);
+    assert!(told.contains("time term: none") && !told.contains("couples"), "{told}");
     for method in METHODS {
         assert!(plan("", &["--method", method]).contains(&format!("method {method}: asked for")));
     }
@@ -336,5 +411,7 @@ fn report_compares_every_method() {
     let columns = csv.lines().next().unwrap().split(',').count();
     assert_eq!(columns, 18);
     assert!(std::fs::read_to_string(out.join("quality.md")).unwrap().contains("## Correlation"));
-    assert!(!out.join("gap.png").exists(), "results of the other part do not stay");
+    for name in files {
+        assert!(!out.join(name).exists(), "{name}: results of the other part do not stay");
+    }
 }

@@ -187,7 +187,7 @@ pub enum InverseError {
     Forward(#[from] eit_fem::FemError),
     /// A data constraint that no image can fulfil.
     #[error(
-        "frame {frame}: delta is {delta:e}, but no image comes nearer to the data than {least:e} \
+        "frame {frame}: delta is {delta:.4e}, but no image comes nearer to the data than {least:.4e} \
          (what reciprocal and duplicate measurements disagree by): use a larger delta"
     )]
     DeltaTooSmall {

@@ -1,8 +1,13 @@
 //! One-step difference Gauss-Newton.
 
+mod report;
+
+pub use report::Report;
+
 use crate::data::{Channels, check_positive};
 use crate::hyperparameter::{Chosen, HyperparameterChoice, HyperparameterStatus};
 use crate::spectrum::Spectrum;
+use crate::whitened::{covariance_times, weighted_rows};
 use crate::{DifferenceSettings, InverseError, Prior, Reconstructor, Workspace};
 use eit_mesh::CsrMatrix;
 use faer::linalg::matmul::matmul;
@@ -40,45 +45,6 @@ pub struct Difference {
     report: Report,
 }
 
-/// What a reconstruction is and what it cost.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub struct Report {
-    /// The prior's name.
-    pub prior: &'static str,
-    /// Measurements of the protocol.
-    pub measurements: usize,
-    /// Measurements used.
-    pub measurements_used: usize,
-    /// Elements of the image.
-    pub elements: usize,
-    /// Eigenvalues of the weighted problem above the noise floor: independent measurements.
-    pub rank: usize,
-    /// Largest eigenvalue over the smallest one above the noise floor; that floor is
-    /// `m f64::EPSILON` of the largest, so this is at most `1 / (m 2.2e-16)`.
-    pub condition: f64,
-    /// Scale `s`, see [`Difference`], for weights relative to that of the largest `noise_std`:
-    /// divided by the square of `noise_scale` it is that of `W = 1 / noise_std^2`.
-    pub scale: f64,
-    /// The largest `noise_std` of the used measurements, in the unit of `dv`: the weights are
-    /// `W = (noise_scale / noise_std)^2`. `None` where no noise was given: then `W = 1`, and the
-    /// size of the noise is unknown. [`Difference::restricted_to`] keeps weights and scale.
-    pub noise_scale: Option<f64>,
-    /// Hyperparameter lambda in use.
-    pub hyperparameter: f64,
-    /// How it was chosen and whether that succeeded.
-    pub hyperparameter_status: HyperparameterStatus,
-    /// Effective degrees of freedom, `sum d / (d + lambda^2 s)`: measurements that the image
-    /// follows; the rest is damped.
-    pub degrees_of_freedom: f64,
-    /// Time for `J P`, seconds.
-    pub prior_s: f64,
-    /// Time for `J P J'` and its spectrum, seconds.
-    pub spectrum_s: f64,
-    /// Time for the image basis, seconds.
-    pub basis_s: f64,
-}
-
 impl Difference {
     /// Computes the reconstruction of a linearisation.
     ///
@@ -101,7 +67,7 @@ impl Difference {
         let start = Instant::now();
         let weighted = weighted_rows(jacobian, &channels)?;
         let used = channels.used.len();
-        let covariance = product_with_covariance(prior, &weighted, used, elements)?;
+        let covariance = covariance_times(prior, &weighted, elements)?;
         let prior_s = start.elapsed().as_secs_f64();
 
         let start = Instant::now();
@@ -306,43 +272,6 @@ impl Difference {
         let residual = parts.squared_residual(&self.spectrum, self.report.hyperparameter);
         Ok(Some((residual / norm).sqrt()))
     }
-}
-
-/// `W^1/2 J` of the used measurements, row-major; rows divided by model voltages if normalised.
-fn weighted_rows(jacobian: &ArrayRef2<f64>, channels: &Channels) -> Result<Vec<f64>, InverseError> {
-    let mut weighted = Vec::with_capacity(channels.used.len() * jacobian.ncols());
-    for (k, &measurement) in channels.used.iter().enumerate() {
-        let factor = channels.row_factor(k);
-        for (element, &value) in jacobian.row(measurement).iter().enumerate() {
-            let entry = factor * value;
-            if !entry.is_finite() {
-                return Err(InverseError::NonFiniteJacobian { measurement, element, value });
-            }
-            weighted.push(entry);
-        }
-    }
-    Ok(weighted)
-}
-
-/// `W^1/2 J P`, row-major, from a prior.
-fn product_with_covariance(
-    prior: &dyn Prior,
-    weighted: &[f64],
-    used: usize,
-    elements: usize,
-) -> Result<Vec<f64>, InverseError> {
-    let view = ArrayView2::from_shape((used, elements), weighted);
-    let wrong = InverseError::WrongLength {
-        what: "J P of the prior",
-        found: weighted.len(),
-        wanted: used * elements,
-    };
-    let product = prior.covariance_times(view.map_err(|_| wrong)?)?;
-    if product.dim() != (used, elements) {
-        let (what, found, wanted) = ("J P of the prior", product.len(), used * elements);
-        return Err(InverseError::WrongLength { what, found, wanted });
-    }
-    Ok(product.iter().copied().collect())
 }
 
 /// `a b`, row-major.

@@ -13,6 +13,7 @@ pub mod prior;
 mod reconstructor;
 mod spectrum;
 mod st_tv;
+mod whitened;
 
 pub use data::{DifferenceData, DifferenceSettings};
 pub use error::InverseError;

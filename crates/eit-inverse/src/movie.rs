@@ -30,15 +30,21 @@ impl<'a> Differences<'a> {
     /// # Errors
     /// [`InverseError::WrongLength`], [`InverseError::NonFiniteData`].
     pub fn check(&self, measurements: usize) -> Result<(), InverseError> {
-        check_length("columns of differences", self.values.ncols(), measurements)?;
-        if let Some(good) = self.good {
-            check_length("rows of good", good.nrows(), self.values.nrows())?;
-            check_length("columns of good", good.ncols(), measurements)?;
-        }
+        self.check_shape(measurements)?;
         for ((frame, measurement), &value) in self.values.indexed_iter() {
             if !value.is_finite() && self.is_good(frame, measurement) {
                 return Err(InverseError::NonFiniteData { frame, measurement, value });
             }
+        }
+        Ok(())
+    }
+
+    /// Refuses differences of another protocol and masks of another shape.
+    pub(crate) fn check_shape(&self, measurements: usize) -> Result<(), InverseError> {
+        check_length("columns of differences", self.values.ncols(), measurements)?;
+        if let Some(good) = self.good {
+            check_length("rows of good", good.nrows(), self.values.nrows())?;
+            check_length("columns of good", good.ncols(), measurements)?;
         }
         Ok(())
     }
@@ -70,17 +76,26 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// `(primal - lower_bound) / primal`, 0 where the primal value is 0: the most by which the
-    /// objective can still fall, relative to it.
+    /// `(primal - lower_bound) / primal`: the most by which the objective can still fall, relative
+    /// to it. 0 where the primal value is 0, infinite where no feasible movie is known or no lower
+    /// bound.
     pub fn relative_gap(&self) -> f64 {
-        if self.primal == 0.0 { 0.0 } else { (self.primal - self.lower_bound) / self.primal.abs() }
+        if self.primal == 0.0 {
+            0.0
+        } else if self.primal.is_infinite() {
+            // not infinity over infinity
+            f64::INFINITY
+        } else {
+            (self.primal - self.lower_bound) / self.primal.abs()
+        }
     }
 }
 
 /// How a movie came about.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MovieReport {
-    /// The method's name, as in the scene file.
+    /// The method's name: `st-tv`, `tv`, `one-step`, `time-prior`, `kalman-smoother`,
+    /// `gauss-newton-absolute`.
     pub method: &'static str,
     /// Why it stopped.
     pub status: MovieStatus,
@@ -125,7 +140,7 @@ pub struct Movie {
 /// Set-up (factorisations, hyperparameters) is each method's own constructor; this is the part
 /// that runs for each sequence.
 pub trait MovieMethod {
-    /// The method's name, as in the scene file.
+    /// As in [`MovieReport::method`].
     fn name(&self) -> &'static str;
 
     /// Reconstructs a sequence.
@@ -133,4 +148,19 @@ pub trait MovieMethod {
     /// # Errors
     /// Wrong shapes, a value of a good channel that is not finite.
     fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError>;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gaps_of_missing_bounds_are_infinite() {
+        let gap = |primal, lower_bound| Certificate { primal, lower_bound }.relative_gap();
+        assert_eq!(gap(f64::INFINITY, 0.0), f64::INFINITY);
+        assert_eq!(gap(f64::INFINITY, f64::NEG_INFINITY), f64::INFINITY);
+        assert_eq!(gap(2.0, f64::NEG_INFINITY), f64::INFINITY);
+        assert_eq!(gap(2.0, 1.5), 0.25);
+        assert_eq!(gap(0.0, 0.0), 0.0);
+    }
 }

@@ -2,18 +2,19 @@
 
 mod left_out;
 mod method_words;
+mod sequence;
 mod stages;
 
 use super::Answer;
 use crate::cli::PlanArgs;
 use crate::error::CliError;
-use crate::frames;
 use crate::method::{self, MethodChoice};
 use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
 use crate::scene::{OneOrMany, Scene, Shape};
 use eit_fem::analytic::DiscSeries;
 use eit_mesh::Placement;
+use sequence::Sequence;
 use serde_json::{Value, json};
 use stages::Stage;
 
@@ -31,11 +32,13 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     method::choose(&scene, args.method.as_deref(), None)?;
     let mut progress = Progress::default();
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
-    let frames = frame_count(&scene, &setup, &mut progress);
+    let mut recording = sequence::read(&scene, &setup, &mut progress);
+    let frames = recording.as_ref().map(|frames| frames.values.nrows());
     let choice = method::choose(&scene, args.method.as_deref(), frames)?;
-    let stages = stages::of(&scene, &setup, choice.method, frames);
-    let left_out = left_out::of(&scene, &setup, choice.method, frames);
-    let words = method_words::of(&scene, choice.method, frames);
+    let sequence = Sequence::of(&scene, &setup, choice.method, recording.as_mut(), &mut progress);
+    let stages = stages::of(&scene, &setup, choice.method, sequence);
+    let left_out = left_out::of(&scene, &setup, choice.method, sequence);
+    let words = method_words::of(&scene, choice.method, sequence);
     let voltage_error = progress.stage("mesh-free comparison", || voltage_error(&scene, &setup))?;
     let json = json!({
         "scene": scene.name,
@@ -43,6 +46,7 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
         "method_because": choice.why,
         "method_notes": words,
         "frames": frames,
+        "still": matches!(sequence, Sequence::Still(_)),
         "stages": stages.iter().map(stage_json).collect::<Vec<_>>(),
         "left_out": left_out.iter().map(|(what, why)| json!({"what": what, "why": why}))
             .collect::<Vec<_>>(),
@@ -95,14 +99,6 @@ fn text(
     lines.push("left out".to_owned());
     lines.extend(left_out.iter().map(|(what, why)| format!("  {what:<22} {why}")));
     lines.join("\n")
-}
-
-/// Frames of the scene's recording, where it can be read.
-fn frame_count(scene: &Scene, setup: &Setup, progress: &mut Progress) -> Option<usize> {
-    // what is wrong with the recording is told by `eit reconstruct`: the plan needs its size only
-    let found =
-        progress.stage("read frames", || frames::load(scene, &setup.protocol, &[], None)).ok()?;
-    Some(found.values.nrows())
 }
 
 /// Error of this mesh on the homogeneous disc, relative to the largest voltage.

@@ -218,9 +218,10 @@ fn with_files(mut report: Value, out: &OutFolder) -> Value {
 
 fn text(task: &Task<'_>, made: &Made, (why, notes): (&str, &[String]), out: &OutFolder) -> String {
     let frames = task.frames;
+    let count = frames.values.nrows();
     let mut lines = vec![format!(
-        "{} frames of {} measurements against {}",
-        frames.values.nrows(),
+        "{count} frame{} of {} measurements against {}",
+        if count == 1 { "" } else { "s" },
         frames.used.iter().filter(|used| **used).count(),
         frames.reference_source
     )];

@@ -13,8 +13,16 @@ use crate::output::OutFolder;
 use crate::progress::Progress;
 
 /// Files of the two parts: each run removes those of the other that it does not make.
-const FILES: [&str; 7] =
-    ["error.png", "gap.png", "images.png", "report.md", "report.json", "quality.md", "quality.csv"];
+const FILES: [&str; 8] = [
+    "error_bell.png",
+    "error_pad.png",
+    "gap.png",
+    "images.png",
+    "report.md",
+    "report.json",
+    "quality.md",
+    "quality.csv",
+];
 
 /// Runs the race, or the table of quality.
 pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {

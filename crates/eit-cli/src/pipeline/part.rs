@@ -1,6 +1,7 @@
 //! The frames of a sequence that need a solve: not quiet, and one for all where they are alike.
 
 use super::noise::DataNoise;
+use eit_inverse::InverseError;
 use ndarray::{Array1, Array2, Axis};
 
 /// Frames of a sequence.
@@ -44,6 +45,20 @@ impl Part {
         }
         freedom *= 1.0 - 1.0 / self.frames.len() as f64;
         square <= freedom + 3.0 * (2.0_f64 * freedom).sqrt()
+    }
+
+    /// An error with the number that its frame has among all frames, not among these.
+    pub fn of_recording(&self, error: InverseError) -> InverseError {
+        let number = |frame: usize| self.frames.get(frame).copied().unwrap_or(frame);
+        match error {
+            InverseError::DeltaTooSmall { frame, delta, least } => {
+                InverseError::DeltaTooSmall { frame: number(frame), delta, least }
+            }
+            InverseError::NonFiniteData { frame, measurement, value } => {
+                InverseError::NonFiniteData { frame: number(frame), measurement, value }
+            }
+            other => other,
+        }
     }
 
     /// Makes one row of all: their mean.

@@ -88,7 +88,8 @@ fn has_time(method: Method, keys: &Reconstruction) -> bool {
 pub(crate) fn stop(keys: &Reconstruction) -> Stop {
     Stop {
         target_gap: keys.target_gap.unwrap_or(DEFAULT_TARGET_GAP),
-        deadline: keys.deadline_s.map(Duration::from_secs_f64),
+        // what no clock can count (584 thousand million years) is no deadline
+        deadline: keys.deadline_s.and_then(|limit_s| Duration::try_from_secs_f64(limit_s).ok()),
         ..Default::default()
     }
 }
@@ -147,7 +148,7 @@ pub(crate) fn reconstruct(
         ));
     }
     let jacobian = pixel_jacobian(linearised, raster, kind, &frames.used)?;
-    let set_up = |noise: Option<&DataNoise>| {
+    let set_up = |method: Method, noise: Option<&DataNoise>| {
         let noise_std = noise.map(|noise| noise.std.clone());
         solver(&jacobian, raster, (method, keys), noise_std, &frames.used)
     };
@@ -156,7 +157,7 @@ pub(crate) fn reconstruct(
     let quiet = match &known {
         Some(noise) => progress.stage("quiet frames", || {
             let all = Differences { values: values.view(), good: Some(good.view()) };
-            Ok::<_, CliError>(set_up(Some(noise))?.quiet_frames(&all)?)
+            Ok::<_, CliError>(set_up(method, Some(noise))?.quiet_frames(&all)?)
         })?,
         None => vec![false; values.nrows()],
     };
@@ -180,17 +181,42 @@ pub(crate) fn reconstruct(
         part.take_mean();
     }
     movie.noise = weighting(movie.noise, keys, &part);
+    // one image has nothing to couple in time, and its report says so
+    let method = if part.values.nrows() == 1 { Method::Tv } else { method };
     let mut solver =
-        progress.stage("set-up of total variation", || set_up(movie.noise.as_ref()))?;
+        progress.stage("set-up of total variation", || set_up(method, movie.noise.as_ref()))?;
     movie.rank = solver.rank();
     let differences = Differences { values: part.values.view(), good: Some(part.good.view()) };
     let length_m = time_length_m(raster);
+    let of_recording = |error| part.of_recording(error);
     let weights = progress
         .stage("weights", || weights(&mut solver, keys, &differences, (length_m, movie.used)))?;
-    let found = progress.stage("total variation", || solver.solve(&differences, &stop(keys)))?;
+    let found = progress
+        .stage("total variation", || solver.solve(&differences, &stop(keys)))
+        .map_err(of_recording)?;
     movie.weights = Some(weights);
     movie.take(found, &part.frames);
     Ok(movie)
+}
+
+/// Whether no frame of a recording differs from the others beyond noise, as far as the noise is
+/// known. [`reconstruct`] looks again, at those that are not quiet.
+pub(crate) fn is_still(
+    scene: &Scene,
+    setup: &Setup,
+    linearised: &Linearised,
+    frames: &mut Frames,
+) -> Result<bool, CliError> {
+    let kind = scene.difference_kind(&setup.protocol);
+    let voltages = linearised.voltages.to_vec();
+    let fit = frames.fit_model(&voltages, kind, scene.skin.conductivity_s)?;
+    let data = super::difference_data(kind, linearised);
+    let Some(noise) = super::noise::known(scene, frames, (&data, fit.gain))? else {
+        return Ok(false);
+    };
+    let good = &frames.good & &ArrayView1::from(&frames.used);
+    let none_quiet = vec![false; frames.values.nrows()];
+    Ok(Part::new(&frames.differences(kind), &good, &none_quiet).is_still(&noise))
 }
 
 /// The noise to weight by: with the model's error where the weights follow from it. Numbers that are

@@ -70,6 +70,12 @@ impl Scene {
                 return Err(CliError::input(message));
             }
         }
+        if let Some(gap) = image.target_gap.filter(|gap| *gap >= 1.0) {
+            return Err(CliError::input(format!(
+                "reconstruction.target_gap is {gap}: it is relative to the objective and must be \
+                 below 1"
+            )));
+        }
         let lower = image.lower_s.unwrap_or(f64::NEG_INFINITY);
         let upper = image.upper_s.unwrap_or(f64::INFINITY);
         if !(lower <= 0.0 && upper >= 0.0 && lower < upper) {

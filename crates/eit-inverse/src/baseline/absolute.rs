@@ -3,8 +3,9 @@
 use super::absolute_settings::{AbsoluteFrameReport, AbsoluteSettings};
 use super::absolute_step::{Data, dot};
 use super::bounded::Bounded;
-use super::modes::{check_shapes, covariance_times, weighted_rows, whiten};
-use crate::data::{Channels, check_length, check_positive};
+use super::modes::whiten;
+use crate::data::{Channels, check_positive};
+use crate::whitened::{covariance_times, weighted_rows};
 use crate::{Differences, InverseError, Movie, MovieMethod, MovieReport, MovieStatus, Prior};
 use eit_fem::{ForwardModel, Workspace};
 use ndarray::{Array2, ArrayRef2};
@@ -144,7 +145,7 @@ impl MovieMethod for AbsoluteGaussNewton<'_> {
     /// Besides those of the trait, what [`AbsoluteGaussNewton::new`] says of prior and model.
     fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError> {
         let start = Instant::now();
-        check_shapes(frames, self.channels.count)?;
+        frames.check_shape(self.channels.count)?;
         self.reports.clear();
         let count = frames.values.nrows();
         let mut images = Array2::zeros((count, self.map.len()));
@@ -200,7 +201,6 @@ fn scale(
     let first = &weighted[..elements];
     let beside: Vec<f64> = first.iter().chain(first.iter().rev()).copied().collect();
     let again = covariance_times(prior, &beside, elements)?;
-    check_length("J P of the prior", again.len(), beside.len())?;
     let largest = again[..elements].iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     let mut rows = covariance.iter().zip(&again[..elements]);
     if rows.any(|(a, b)| (a - b).abs() > SAME_ROW * largest) {

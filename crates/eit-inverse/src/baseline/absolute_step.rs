@@ -3,7 +3,7 @@
 
 use super::absolute::AbsoluteGaussNewton;
 use super::absolute_settings::AbsoluteFrameReport;
-use super::modes::{covariance_times, weighted_rows};
+use crate::whitened::{covariance_times, weighted_rows};
 use crate::{InverseError, MovieStatus};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::prelude::Solve;

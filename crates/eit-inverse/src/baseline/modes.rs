@@ -12,12 +12,13 @@
 //! image is independent of the amplitudes and stays zero. Source: Adler, Dai, Lionheart, *Physiol.
 //! Meas.* 28 (2007), S1-S11, whose `K (x) P` this is.
 
-use crate::data::{Channels, check_length, check_positive};
+use crate::data::{Channels, check_positive};
 use crate::spectrum::Spectrum;
+use crate::whitened::{covariance_times, weighted_rows};
 use crate::{DifferenceSettings, Differences, InverseError, Prior};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};
-use ndarray::{Array2, ArrayRef2, ArrayView2};
+use ndarray::{Array2, ArrayRef2};
 
 /// A whitened linear problem and its eigen-expansion.
 #[derive(Debug, Clone)]
@@ -77,7 +78,7 @@ impl Modes {
         &self,
         frames: &Differences<'_>,
     ) -> Result<(Mat<f64>, Vec<Vec<usize>>), InverseError> {
-        check_shapes(frames, self.channels.count)?;
+        frames.check_shape(self.channels.count)?;
         let count = frames.values.nrows();
         let mut whitened = Mat::zeros(self.channels.used.len(), count);
         let mut masked = vec![Vec::new(); count];
@@ -157,19 +158,6 @@ impl Modes {
     }
 }
 
-/// Refuses differences of another protocol and masks of another shape.
-pub(super) fn check_shapes(
-    frames: &Differences<'_>,
-    measurements: usize,
-) -> Result<(), InverseError> {
-    check_length("columns of differences", frames.values.ncols(), measurements)?;
-    if let Some(good) = frames.good {
-        check_length("rows of good", good.nrows(), frames.values.nrows())?;
-        check_length("columns of good", good.ncols(), measurements)?;
-    }
-    Ok(())
-}
-
 /// `b = W^1/2 dv` of one frame into `whitened` `[used]`, zero where `good` is false; the indices of
 /// those into `masked`, ascending. Unused measurements and masked ones are not looked at.
 pub(super) fn whiten(
@@ -195,39 +183,4 @@ pub(super) fn whiten(
         }
     }
     Ok(())
-}
-
-/// `W^1/2 J` of the used measurements, row-major; rows divided by model voltages if normalised.
-pub(super) fn weighted_rows(
-    jacobian: &ArrayRef2<f64>,
-    channels: &Channels,
-) -> Result<Vec<f64>, InverseError> {
-    let mut weighted = Vec::with_capacity(channels.used.len() * jacobian.ncols());
-    for (k, &measurement) in channels.used.iter().enumerate() {
-        let factor = channels.row_factor(k);
-        for (element, &value) in jacobian.row(measurement).iter().enumerate() {
-            let entry = factor * value;
-            if !entry.is_finite() {
-                return Err(InverseError::NonFiniteJacobian { measurement, element, value });
-            }
-            weighted.push(entry);
-        }
-    }
-    Ok(weighted)
-}
-
-/// `W^1/2 J P`, row-major, from row-major rows of `elements` entries.
-pub(super) fn covariance_times(
-    prior: &dyn Prior,
-    weighted: &[f64],
-    elements: usize,
-) -> Result<Vec<f64>, InverseError> {
-    let what = "J P of the prior";
-    let rows = weighted.len() / elements;
-    let view = ArrayView2::from_shape((rows, elements), weighted)
-        .map_err(|_| InverseError::WrongLength { what, found: weighted.len(), wanted: 0 })?;
-    let product = prior.covariance_times(view)?;
-    check_length("rows of J P of the prior", product.nrows(), rows)?;
-    check_length("columns of J P of the prior", product.ncols(), elements)?;
-    Ok(product.iter().copied().collect())
 }

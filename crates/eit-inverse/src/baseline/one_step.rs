@@ -1,6 +1,6 @@
 //! One-step Gauss-Newton, frame by frame.
 
-use super::modes::{check_shapes, weighted_rows};
+use crate::whitened::weighted_rows;
 use crate::{
     Chosen, Difference, DifferenceSettings, Differences, HyperparameterChoice, InverseError, Movie,
     MovieMethod, MovieReport, MovieStatus, Prior, Workspace,
@@ -133,7 +133,7 @@ impl MovieMethod for OneStep {
     /// leave the masked channels out.
     fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError> {
         let start = Instant::now();
-        check_shapes(frames, self.difference.reconstructor().measurements())?;
+        frames.check_shape(self.difference.reconstructor().measurements())?;
         let elements = self.difference.report().elements;
         let mut images = Array2::zeros((frames.values.nrows(), elements));
         for (t, mut image) in images.rows_mut().into_iter().enumerate() {

@@ -1,5 +1,6 @@
 //! What a plan leaves out, and why.
 
+use super::sequence::Sequence;
 use crate::method::Method;
 use crate::pipeline::Setup;
 use crate::scene::Scene;
@@ -9,7 +10,7 @@ pub(super) fn of(
     scene: &Scene,
     setup: &Setup,
     method: Method,
-    frames: Option<usize>,
+    sequence: Sequence,
 ) -> Vec<(&'static str, String)> {
     let cost = setup.model.cost();
     let patterns = setup.protocol.stimulations_a().nrows();
@@ -36,7 +37,7 @@ pub(super) fn of(
         let why = format!("{} of {m} rows are multiples of others (reciprocity)", m - products);
         list.push(("Jacobian products", why));
     }
-    list.extend(of_method(scene, method, frames));
+    list.extend(of_method(scene, method, sequence));
     if scene.denoise.is_none() {
         list.push(("U-net", "the scene has no [denoise]".to_owned()));
     }
@@ -47,16 +48,19 @@ pub(super) fn of(
 }
 
 /// What the method leaves out on this scene.
-fn of_method(scene: &Scene, method: Method, frames: Option<usize>) -> Vec<(&'static str, String)> {
+fn of_method(scene: &Scene, method: Method, sequence: Sequence) -> Vec<(&'static str, String)> {
     let keys = &scene.reconstruction;
     let mut list = Vec::new();
     let by_itself = match method {
         Method::GaussNewton => Some("one-step Gauss-Newton takes each frame by itself"),
         Method::GaussNewtonAbsolute => Some("each frame by itself, from the image of the last one"),
-        Method::Tv => Some("method \"tv\" takes each frame by itself"),
-        Method::StTv if frames == Some(1) => {
+        Method::StTv | Method::Tv if sequence == Sequence::Frames(1) => {
             Some("a recording of one frame: plain total variation in space")
         }
+        Method::StTv | Method::Tv if matches!(sequence, Sequence::Still(_)) => {
+            Some("a static scene: one image of the mean, by plain total variation in space")
+        }
+        Method::Tv => Some("method \"tv\" takes each frame by itself"),
         Method::StTv if keys.lambda_time == Some(0.0) => Some("lambda_time = 0"),
         _ => None,
     };

@@ -1,10 +1,11 @@
 //! What drives total variation on a scene: noise, bounds, frames.
 
+use super::sequence::Sequence;
 use crate::method::Method;
 use crate::scene::{Delta, Scene};
 
 /// Lines for the plan; none for methods that a hyperparameter drives.
-pub(super) fn of(scene: &Scene, method: Method, frames: Option<usize>) -> Vec<String> {
+pub(super) fn of(scene: &Scene, method: Method, sequence: Sequence) -> Vec<String> {
     if !method.is_tv() {
         return Vec::new();
     }
@@ -27,7 +28,7 @@ pub(super) fn of(scene: &Scene, method: Method, frames: Option<usize>) -> Vec<St
                 .to_owned(),
         );
     }
-    lines.extend(coupling(method, frames, known));
+    lines.push(coupling(scene, method, sequence, known));
     lines
 }
 
@@ -56,20 +57,28 @@ fn weights(scene: &Scene) -> String {
 }
 
 /// What becomes of the term in time.
-fn coupling(method: Method, frames: Option<usize>, known: bool) -> Option<String> {
+fn coupling(scene: &Scene, method: Method, sequence: Sequence, known: bool) -> String {
+    let none = method == Method::Tv || scene.reconstruction.lambda_time == Some(0.0);
+    let couples = match sequence {
+        Sequence::Frames(1) => {
+            return "time term: dropped, one frame is plain total variation".to_owned();
+        }
+        Sequence::Still(count) => {
+            return format!(
+                "time term: dropped, the {count} frames do not differ from each other beyond noise \
+                 (a static scene): one image of their mean by plain total variation"
+            );
+        }
+        _ if none => return "time term: none, plain total variation of each frame".to_owned(),
+        Sequence::Frames(count) => format!("time term: couples {count} frames"),
+        Sequence::Unknown => {
+            "time term: couples the frames; dropped for a single one (plain total \
+                              variation)"
+                .to_owned()
+        }
+    };
+    // frames beside the quiet ones may still be alike, which the plan does not look for
     let still = "dropped, with one image of the mean, where the frames do not differ from each \
                  other beyond noise (a static scene)";
-    match (method, frames) {
-        (Method::Tv, _) => None,
-        (_, Some(1)) => Some("time term: dropped, one frame is plain total variation".to_owned()),
-        (_, Some(count)) if known => Some(format!("time term: couples {count} frames; {still}")),
-        (_, Some(count)) => Some(format!("time term: couples {count} frames")),
-        (_, None) if known => Some(format!(
-            "time term: couples the frames; dropped for a single one (plain total variation); {still}"
-        )),
-        (_, None) => Some(
-            "time term: couples the frames; dropped for a single one (plain total variation)"
-                .to_owned(),
-        ),
-    }
+    if known { format!("{couples}; {still}") } else { couples }
 }

@@ -1,5 +1,6 @@
 //! Stages of a plan: sizes, work, expected time.
 
+use super::sequence::Sequence;
 use crate::method::Method;
 use crate::pipeline::tv::DEFAULT_TARGET_GAP;
 use crate::pipeline::{DEFAULT_NOISE_FIGURE, DEFAULT_PIXELS, Setup};
@@ -61,12 +62,7 @@ struct Sizes<'a> {
 }
 
 /// The stages of a method, in the order of the work.
-pub(super) fn of(
-    scene: &Scene,
-    setup: &Setup,
-    method: Method,
-    frames: Option<usize>,
-) -> Vec<Stage> {
+pub(super) fn of(scene: &Scene, setup: &Setup, method: Method, sequence: Sequence) -> Vec<Stage> {
     let cost = setup.model.cost();
     let (m, n) = (setup.protocol.measurements() as f64, setup.model.elements() as f64);
     let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
@@ -83,7 +79,7 @@ pub(super) fn of(
     };
     let mut stages = sizes.model();
     match method {
-        Method::StTv | Method::Tv => stages.extend(sizes.total_variation(frames)),
+        Method::StTv | Method::Tv => stages.extend(sizes.total_variation(sequence)),
         Method::GaussNewton => stages.extend([sizes.matrix(), sizes.frame()]),
         Method::TimePrior | Method::Kalman => {
             stages.extend([sizes.matrix(), sizes.sequence_frame()]);
@@ -218,9 +214,9 @@ impl Sizes<'_> {
     }
 
     /// Set-up, choice of weights, and the iteration.
-    fn total_variation(&self, frames: Option<usize>) -> Vec<Stage> {
+    fn total_variation(&self, sequence: Sequence) -> Vec<Stage> {
         let (m, n, rank) = (self.measurements, self.skin_pixels, self.rank);
-        let count = frames.unwrap_or(ASSUMED_FRAMES);
+        let count = sequence.solved().unwrap_or(ASSUMED_FRAMES);
         let iteration = |frames: usize| 4.0 * n * rank * frames as f64;
         let gap = self.scene.reconstruction.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
         let decades = (DEFAULT_TARGET_GAP / gap).log10();
@@ -229,9 +225,11 @@ impl Sizes<'_> {
         let set_up = 2.0 * m * 4.0 * self.elements + 4.0 * m * m * n;
         let trials =
             TV_TRIALS * TV_TRIAL_SHARE * iterations * iteration(count.min(TV_TRIAL_FRAMES));
-        let told = match frames {
-            Some(count) => format!("{count} frames"),
-            None => format!("{count} frames assumed"),
+        let told = match sequence {
+            Sequence::Unknown => format!("{count} frames assumed"),
+            Sequence::Frames(1) => "one frame".to_owned(),
+            Sequence::Frames(count) => format!("{count} frames"),
+            Sequence::Still(count) => format!("the mean of {count} frames"),
         };
         let keys = &self.scene.reconstruction;
         let mut stages = vec![Stage {

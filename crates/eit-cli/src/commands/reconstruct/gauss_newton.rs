@@ -23,6 +23,8 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Cli
             report["iterations"] = json!(movie.iterations);
             report["seconds"] = json!(movie.seconds);
             report["residual"] = json!(movie.residual);
+            let used = imaging.difference.report().measurements_used as f64;
+            report["residual_wanted"] = json!(scene.noise.additive_v.map(|_| used.sqrt()));
         }
         None => {
             report["status"] = json!("direct");
@@ -64,6 +66,12 @@ fn images(
     let prior = prior(scene, setup)?;
     let mut settings = settings(scene, setup, linearised, &frames.used)?;
     settings.hyperparameter = imaging.difference.report().hyperparameter;
+    if scene.noise.additive_v.is_some() {
+        // with gain and reference, so that residuals are in units of the noise; images depend on
+        // ratios alone
+        let known = pipeline::noise::known(scene, frames, (&settings.data, task.fit.gain))?;
+        settings.noise_std = known.map(|noise| noise.std);
+    }
     let built = progress.stage("set-up of the method", || {
         sequence::method(task.method, scene, (setup, linearised), prior.as_ref(), settings)
     })?;

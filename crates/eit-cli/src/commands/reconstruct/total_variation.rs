@@ -5,7 +5,7 @@ use crate::error::CliError;
 use crate::picture::{Canvas, Plot, Series, draw_plot};
 use crate::pipeline::{self, tv::TvMovie, tv::Weights};
 use crate::progress::Progress;
-use eit_inverse::{MovieReport, MovieStatus, WeightPoint, WeightStatus};
+use eit_inverse::{Certificate, MovieReport, MovieStatus, WeightPoint, WeightStatus};
 use serde_json::{Value, json};
 
 /// Chooses the weights, solves, and tells how well.
@@ -122,10 +122,11 @@ fn lines(movie: &TvMovie) -> Vec<String> {
         ));
     }
     if movie.still {
-        lines.push(
-            "the other frames do not differ from each other beyond noise: one image of their mean"
-                .to_owned(),
-        );
+        lines.push(format!(
+            "{} frames do not differ from each other beyond noise (a static scene): one image of \
+             their mean, no term in time",
+            if quiet > 0 { "the other" } else { "the" }
+        ));
     }
     lines.extend(movie.weights.as_ref().map(weights_line));
     if let Some(report) = &movie.report {
@@ -136,10 +137,12 @@ fn lines(movie: &TvMovie) -> Vec<String> {
 }
 
 fn weights_line(weights: &Weights) -> String {
-    let mut line = format!(
-        "lambda_space {:.3e}, lambda_time {:.3e}: {}",
-        weights.lambda_space, weights.lambda_time, weights.rule
-    );
+    let in_time = match weights.lambda_time {
+        0.0 => "no term in time".to_owned(),
+        weight => format!("lambda_time {weight:.3e}"),
+    };
+    let mut line =
+        format!("lambda_space {:.3e}, {in_time}: {}", weights.lambda_space, weights.rule);
     if let Some(delta) = weights.delta {
         line += &format!(", delta {delta:.3e}");
     }
@@ -154,7 +157,7 @@ fn solved_line(report: &MovieReport) -> String {
         format!(
             ", objective {:.4e}, proven to be at most {:.2} % above the optimum",
             c.primal,
-            100.0 * c.relative_gap()
+            percent(c)
         )
     });
     format!(
@@ -163,6 +166,11 @@ fn solved_line(report: &MovieReport) -> String {
         report.iterations,
         report.seconds
     )
+}
+
+/// A gap for print; rounding may put the bounds the wrong way round.
+fn percent(certificate: Certificate) -> f64 {
+    100.0 * certificate.relative_gap().max(0.0)
 }
 
 /// Residuals of the solved frames relative to what they should be.
@@ -222,8 +230,7 @@ fn footnote(task: &Task<'_>, movie: &TvMovie) -> String {
         format!(", λ {:.2e}, {:.2e} ({})", weights.lambda_space, weights.lambda_time, weights.rule)
     });
     let certificate = movie.report.as_ref().and_then(|report| report.certificate);
-    let gap = certificate
-        .map_or_else(String::new, |c| format!(", gap {:.2} %", 100.0 * c.relative_gap()));
+    let gap = certificate.map_or_else(String::new, |c| format!(", gap {:.2} %", percent(c)));
     format!("{}{weights}{gap}, {kind} difference", task.method.words())
 }
 
