@@ -282,6 +282,17 @@ impl Target {
         Self { values: vec![0.0; rank], rest_squared: 0.0 }
     }
 
+    /// Norm of what an image can explain.
+    pub(crate) fn norm(&self) -> f64 {
+        self.values.iter().map(|b| b * b).sum::<f64>().sqrt()
+    }
+
+    /// The target in a unit of this many of its own.
+    pub(crate) fn divide(&mut self, unit: f64) {
+        self.values.iter_mut().for_each(|b| *b /= unit);
+        self.rest_squared /= unit * unit;
+    }
+
     /// No data.
     pub(crate) fn clear(&mut self) {
         self.values.fill(0.0);

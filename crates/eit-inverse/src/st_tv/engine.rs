@@ -131,8 +131,8 @@ impl<T: Scalar> State<T> {
     /// Takes image and duals of a state of the same problem.
     pub(crate) fn copy_from(&mut self, other: &Self) {
         self.prepared = None;
-        (self.head, self.age) = (other.head, other.age);
-        self.tail.copy_from_slice(&other.tail);
+        // another step size has another tail
+        self.age = REFRESH;
         self.image.copy_from_slice(&other.image);
         self.dual.copy_from_slice(&other.dual);
         self.time_dual.copy_from_slice(&other.time_dual);

@@ -19,18 +19,17 @@ pub(crate) struct Memory<'a> {
     pub(crate) data_dual: &'a mut [f64],
 }
 
-/// One iteration with a primal step `tau`, before one with `next_tau`. Where `tail` is false its
-/// force stays as it is, however old.
+/// One iteration with a primal step `tau`, before one with `next_tau`.
 pub(crate) fn iterate<T: Scalar>(
     (arch, ops): (Arch, &Operators<T>),
     problem: &Problem<'_>,
     state: &mut State<T>,
     memory: Memory<'_>,
     [tau, next_tau]: [f64; 2],
-    (keep, tail): (bool, bool),
+    keep: bool,
 ) {
     let Memory { columns: [column, rotated], data_dual } = memory;
-    if tail && state.age >= REFRESH {
+    if state.age >= REFRESH {
         let head = head(problem, tau);
         state.refresh_tail(arch, ops, head, |coefficients, stride| {
             pull(problem, head.next_multiple_of(RANKS), coefficients, stride, data_dual);

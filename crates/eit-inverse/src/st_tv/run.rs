@@ -19,8 +19,10 @@ const HALVING: f64 = 30.0;
 const LEAST_STEP: f64 = 1.0 / 15.0;
 /// Iterations at which the first step is set anew from the norms found so far.
 const MEASURE_AT: [usize; 4] = [8, 16, 32, 64];
-/// First look at the result, and growth of the interval between looks.
+/// First look at the image, and growth of the interval between looks: one costs two iterations.
 const FIRST_LOOK: usize = 32;
+const LOOK: f64 = 1.16;
+/// Growth of the interval between decisions whether to try a proof, and between looks at one.
 const GROWTH: f64 = 1.35;
 /// Share of an image's iterations that its proof gets, and of the time under a deadline.
 const PROOF_SHARE: f64 = 0.4;
@@ -122,7 +124,7 @@ impl<'a, T: Scalar> Run<'a, T> {
         self.note();
         let mut look = FIRST_LOOK;
         let mut last = f64::INFINITY;
-        let mut next_proof = 0;
+        let (mut next_decision, mut next_proof) = (0, 0);
         let status = loop {
             if self.best.gap() <= stop.target_gap {
                 break MovieStatus::Converged;
@@ -140,18 +142,23 @@ impl<'a, T: Scalar> Run<'a, T> {
             };
             let ended = self.improve_image(look, image);
             let primal = self.keep_image();
+            self.note();
+            look = (self.done as f64 * LOOK) as usize;
+            if !ended && self.done < next_decision {
+                continue;
+            }
+            next_decision = (self.done as f64 * GROWTH) as usize;
             let falling = (last - primal) / primal.abs();
             last = primal;
             // the objective falls like a power of the iterations: what it still has to fall is
-            // about what it fell since the last look
+            // about what it fell since the last decision
             if ended || (falling < stop.target_gap && self.done >= next_proof) {
                 let share = (self.done as f64 * PROOF_SHARE) as usize;
                 let count = if ended { usize::MAX } else { share.max(FIRST_LOOK / 2) };
                 self.prove(count, limits, stop.target_gap);
+                self.note();
                 next_proof = (self.done as f64 * GROWTH) as usize;
             }
-            self.note();
-            look = (self.done as f64 * GROWTH) as usize;
         };
         let (images, residual) = (&self.best.images, &self.best.residual);
         let end = (status, self.start);
@@ -324,14 +331,13 @@ impl<'a, T: Scalar> Run<'a, T> {
     /// One iteration of one of the runs with this step, before one with the next.
     fn iterate(&mut self, which: Which, taus: [f64; 2], keep: bool) {
         let Self { task, ops, image, proof, evaluation, columns, .. } = self;
-        let (state, tail) = match which {
-            Which::Image => (image, true),
-            // its large steps would leave the tail behind
-            Which::Proof => (proof, false),
+        let state = match which {
+            Which::Image => image,
+            Which::Proof => proof,
         };
         let memory = Memory { columns, data_dual: &mut evaluation.data_dual };
         let problem = task.problem();
-        fit::iterate((task.solver.arch, ops), &problem, state, memory, taus, (keep, tail));
+        fit::iterate((task.solver.arch, ops), &problem, state, memory, taus, keep);
     }
 }
 

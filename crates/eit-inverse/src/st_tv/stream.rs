@@ -87,6 +87,8 @@ pub struct StTvStream {
     /// No data at all.
     dropped: Vec<bool>,
     step: f64,
+    /// Iterations on the image that the next push begins with.
+    expected: usize,
     /// Norm of a frame's data that is 1 inside; 0 before there is any.
     scale: f64,
     pushed: usize,
@@ -95,6 +97,10 @@ pub struct StTvStream {
 
 /// Memory that a push writes before it reads.
 struct Scratch {
+    /// The frame that is being pushed, until all of it is known to be fine.
+    mode: Mode,
+    target: Target,
+    good: Vec<bool>,
     modes: ModeScratch,
     columns: [Vec<f64>; 2],
     whitened: Vec<f64>,
@@ -111,12 +117,18 @@ impl std::fmt::Debug for Scratch {
 const WARM_STEP: f64 = 0.25;
 /// Step of the proof's run relative to the image's.
 const PROOF_STEP: f64 = 100.0;
+/// A frame this much larger than the unit of the data sets another one.
+const OUTGROWN: f64 = 1e4;
 /// Pushes between two measurements of the norms that set the step.
 const MEASURE_EVERY: usize = 8;
-/// Iterations on the image before the first evaluation, and their growth from one to the next; a
-/// proof gets three fifths as many.
+/// Iterations on the image before the first evaluation of the first push, and the least of any.
 const FIRST_ROUND: usize = 20;
-const GROWTH: f64 = 1.35;
+/// A later push begins with this share of what the one before it took: evaluations are dear, and
+/// so is a proof that comes too early. Rounds after the first add this share of all before.
+const BEGIN: f64 = 0.9;
+const GROWTH: f64 = 0.35;
+/// Iterations of a proof, relative to all of the image's before it.
+const PROOF_SHARE: f64 = 0.7;
 
 impl StTvStream {
     /// Sets up a stream.
@@ -143,13 +155,16 @@ impl StTvStream {
         let proof = image.clone();
         let evaluation = Evaluation::new(&solver.double, &image, &solver.parts);
         let (rank, measurements) = (solver.rank(), solver.measurements());
+        let mut empty = Mode::with_room(&solver.compression);
+        empty.drop_data();
         let scratch = Scratch {
+            mode: empty.with_same_room(),
+            target: Target::zero(rank),
+            good: vec![false; measurements],
             modes: ModeScratch::new(&solver.compression),
             columns: [vec![0.0; rank], vec![0.0; rank]],
             whitened: vec![0.0; measurements],
         };
-        let mut empty = Mode::with_room(&solver.compression);
-        empty.drop_data();
         let modes = (0..window).map(|_| empty.with_same_room()).collect();
         Ok(Self {
             filled: 0,
@@ -172,6 +187,7 @@ impl StTvStream {
             good: vec![vec![false; measurements]; window],
             dropped: vec![true; window],
             step: 1.0,
+            expected: FIRST_ROUND,
             scale: 0.0,
             pushed: 0,
             lagged: vec![0.0; solver.unknowns()],
@@ -204,22 +220,24 @@ impl StTvStream {
                 return Err(InverseError::NonFiniteData { frame, measurement, value });
             }
         }
+        self.scratch.good.iter_mut().enumerate().for_each(|(i, slot)| *slot = is_good(i));
+        self.stage(dv)?;
         self.advance();
         let newest = self.settings.window - 1;
         self.raw[newest].copy_from_slice(dv);
-        self.good[newest].iter_mut().enumerate().for_each(|(i, slot)| *slot = is_good(i));
+        self.good[newest].copy_from_slice(&self.scratch.good);
         self.dropped[newest] = false;
-        self.set_mode(newest)?;
-        self.set_target(newest);
-        self.finish(start)
+        std::mem::swap(&mut self.window.modes[newest], &mut self.scratch.mode);
+        self.fit_scale();
+        let one = self.one();
+        self.scratch.target.divide(one);
+        std::mem::swap(&mut self.window.targets[newest], &mut self.scratch.target);
+        Ok(self.finish(start))
     }
 
     /// Takes note that a frame was lost: the window moves on, and the lost frame is interpolated
     /// from its neighbours.
-    ///
-    /// # Errors
-    /// As [`push`](Self::push).
-    pub fn push_dropped(&mut self) -> Result<StreamStep<'_>, InverseError> {
+    pub fn push_dropped(&mut self) -> StreamStep<'_> {
         let start = Instant::now();
         self.advance();
         let newest = self.settings.window - 1;
@@ -235,7 +253,8 @@ impl StTvStream {
     /// newest one, which is then what the reference holds.
     ///
     /// # Errors
-    /// Wrong length, a value that is not finite.
+    /// Wrong length, a value that is not finite, a frame of the window for which no image could then
+    /// reach `delta`. The window is then as it was.
     pub fn change_reference(&mut self, change: &[f64]) -> Result<(), InverseError> {
         check_length("change of reference", change.len(), self.solver.measurements())?;
         if let Some(measurement) = change.iter().position(|v| !v.is_finite()) {
@@ -244,25 +263,50 @@ impl StTvStream {
         }
         let window = self.settings.window;
         let before = self.newest_power();
-        for raw in &mut self.raw {
-            raw.iter_mut().zip(change).for_each(|(dv, c)| *dv -= c);
-        }
-        for frame in window - self.filled..window {
-            if !self.dropped[frame] {
-                self.set_target(frame);
+        self.move_data(|dv, change| *dv -= change, change);
+        let frames = window - self.filled..window;
+        for frame in frames.clone().filter(|&f| !self.dropped[f]) {
+            let number = (self.pushed + frame).saturating_sub(window);
+            let one = self.one();
+            let checked = self.check_delta(
+                number,
+                &self.window.modes[frame],
+                &self.window.targets[frame],
+                one,
+            );
+            if checked.is_err() {
+                self.move_data(|dv, change| *dv += change, change);
+                return checked;
             }
         }
         if self.newest_power() < before {
-            self.image.subtract_newest(window - self.filled..window);
-            self.proof.subtract_newest(window - self.filled..window);
+            self.image.subtract_newest(frames.clone());
+            self.proof.subtract_newest(frames);
         }
         Ok(())
+    }
+
+    /// Changes the data of the whole window, measurement by measurement.
+    fn move_data(&mut self, apply: impl Fn(&mut f64, f64), change: &[f64]) {
+        for raw in &mut self.raw {
+            raw.iter_mut().zip(change).for_each(|(dv, c)| apply(dv, *c));
+        }
+        let window = self.settings.window;
+        for frame in (window - self.filled..window).filter(|&f| !self.dropped[f]) {
+            let Scratch { columns, whitened, .. } = &mut self.scratch;
+            let raw = &self.raw[frame];
+            let Window { modes, targets, .. } = &mut self.window;
+            let (mode, target) = (&modes[frame], &mut targets[frame]);
+            target.set(&self.solver.compression, mode, |i| raw[i], &mut columns[0], whitened);
+            let one = if self.scale > 0.0 { self.scale } else { 1.0 };
+            target.divide(one);
+        }
     }
 
     /// Squared data of the newest frame.
     fn newest_power(&self) -> f64 {
         let target = &self.window.targets[self.settings.window - 1];
-        target.values.iter().map(|v| v * v).sum::<f64>() + target.rest_squared
+        target.norm().powi(2) + target.rest_squared
     }
 
     /// The solver in use.
@@ -309,41 +353,66 @@ impl StTvStream {
         }
     }
 
-    /// Sets the mode of a frame from its channels; the neighbour's expansion is taken where the
-    /// channels are the same.
-    fn set_mode(&mut self, frame: usize) -> Result<(), InverseError> {
-        let (before, rest) = self.window.modes.split_at_mut(frame);
-        let Some(mode) = rest.first_mut() else { return Ok(()) };
-        let good = &self.good[frame];
-        match before.last() {
-            Some(last) if last.fits(&self.solver.compression, good) => mode.take(last),
-            _ => {
-                let masked = |i: usize| !good[i];
-                mode.set(&self.solver.compression, masked, &mut self.scratch.modes)?;
-            }
+    /// Expands a frame and its channels in the scratch memory, in the caller's units; the newest
+    /// frame's expansion is taken where the channels are the same.
+    fn stage(&mut self, dv: &[f64]) -> Result<(), InverseError> {
+        let Self { solver, window, scratch, .. } = self;
+        let Scratch { mode, target, good, modes, columns, whitened } = scratch;
+        match window.modes.last() {
+            Some(last) if last.fits(&solver.compression, good) => mode.take(last),
+            _ => mode.set(&solver.compression, |i| !good[i], modes)?,
+        }
+        target.set(&solver.compression, mode, |i| dv[i], &mut columns[0], whitened);
+        self.check_delta(self.pushed, &self.scratch.mode, &self.scratch.target, 1.0)
+    }
+
+    /// Refuses a frame that no image can fit, its target in units of `one`.
+    fn check_delta(
+        &self,
+        frame: usize,
+        mode: &Mode,
+        target: &Target,
+        one: f64,
+    ) -> Result<(), InverseError> {
+        let Some(delta) = self.delta(mode) else { return Ok(()) };
+        let least = target.rest_squared.sqrt() * one;
+        // the rest of an exact fit is rounding, not noise
+        if least > delta && least > 1e-10 * (target.norm() * one + least) {
+            return Err(InverseError::DeltaTooSmall { frame, delta, least });
         }
         Ok(())
     }
 
-    fn set_target(&mut self, frame: usize) {
-        let Scratch { columns, whitened, .. } = &mut self.scratch;
-        let raw = &self.raw[frame];
-        let dv = |i: usize| raw[i];
-        let Window { modes, targets, .. } = &mut self.window;
-        let (mode, target) = (&modes[frame], &mut targets[frame]);
-        target.set(&self.solver.compression, mode, dv, &mut columns[0], whitened);
-        if self.scale == 0.0 {
-            let norm = target.values.iter().map(|v| v * v).sum::<f64>().sqrt();
-            self.scale = if norm > 0.0 { norm } else { 0.0 };
+    /// Radius of a frame with these channels.
+    fn delta(&self, mode: &Mode) -> Option<f64> {
+        let Fidelity::Constrained { delta } = self.solver.settings.fidelity else { return None };
+        Some(delta * (mode.good as f64 / self.solver.full.good as f64).sqrt())
+    }
+
+    /// Sets the unit of the data from the staged frame where there is none yet, or where this frame
+    /// is so much larger that `f32` would suffer: then the window starts anew.
+    fn fit_scale(&mut self) {
+        let target = &self.scratch.target;
+        let noise = match self.solver.settings.noise_std {
+            Some(_) => (self.window.modes[self.settings.window - 1].good as f64).sqrt(),
+            None => 0.0,
+        };
+        let norm = target.norm().max(noise);
+        if self.scale > 0.0 && norm <= OUTGROWN * self.scale {
+            return;
         }
-        let one = if self.scale > 0.0 { self.scale } else { 1.0 };
-        target.values.iter_mut().for_each(|b| *b /= one);
-        target.rest_squared /= one * one;
+        if self.scale > 0.0 {
+            let unit = norm / self.scale;
+            self.window.targets.iter_mut().for_each(|t| t.divide(unit));
+            self.image.clear();
+            self.proof.clear();
+        }
+        self.scale = norm;
     }
 
     /// Iterates and gives the lagged image.
-    fn finish(&mut self, start: Instant) -> Result<StreamStep<'_>, InverseError> {
-        self.set_units()?;
+    fn finish(&mut self, start: Instant) -> StreamStep<'_> {
+        self.set_units();
         let quiet = self.is_quiet();
         let outcome = if quiet { self.rest() } else { self.iterate(start) };
         let window = self.settings.window;
@@ -355,7 +424,7 @@ impl StTvStream {
             }
         }
         let (objective, one) = self.units();
-        Ok(StreamStep {
+        StreamStep {
             image: known.then_some(self.lagged.as_slice()),
             status: outcome.status,
             iterations: outcome.iterations,
@@ -366,11 +435,11 @@ impl StTvStream {
             residual: if known { self.evaluation.residual[frame] * one } else { 0.0 },
             quiet,
             seconds: start.elapsed().as_secs_f64(),
-        })
+        }
     }
 
     /// Weights, bounds and radii in inner units.
-    fn set_units(&mut self) -> Result<(), InverseError> {
+    fn set_units(&mut self) {
         let one = self.one();
         let settings = &self.solver.settings;
         let largest = settings.lambda_space.max(settings.lambda_time);
@@ -378,23 +447,15 @@ impl StTvStream {
             Fidelity::Penalised => 1.0 / (self.solver.unit * one),
             Fidelity::Constrained { .. } => 1.0 / largest,
         };
-        let window = &mut self.window;
-        window.weights = [settings.lambda_space * weight, settings.lambda_time * weight];
         let per_image = self.solver.unit / one;
         let bounds = [settings.lower_s * per_image, settings.upper_s * per_image];
-        window.bounds = settings.bounded().then_some(bounds);
-        let Fidelity::Constrained { delta } = settings.fidelity else { return Ok(()) };
-        let all = self.solver.full.good as f64;
-        for (frame, slot) in window.delta.iter_mut().enumerate() {
-            *slot = delta / one * (window.modes[frame].good as f64 / all).sqrt();
-            let least = window.targets[frame].rest_squared.sqrt();
-            if least > *slot && least > 1e-10 {
-                let (delta, least) = (*slot * one, least * one);
-                let frame = (self.pushed + frame).saturating_sub(self.settings.window);
-                return Err(InverseError::DeltaTooSmall { frame, delta, least });
-            }
+        let bounds = settings.bounded().then_some(bounds);
+        self.window.weights = [settings.lambda_space * weight, settings.lambda_time * weight];
+        self.window.bounds = bounds;
+        for frame in 0..self.window.delta.len() {
+            let delta = self.delta(&self.window.modes[frame]);
+            self.window.delta[frame] = delta.unwrap_or_default() / one;
         }
-        Ok(())
     }
 
     /// The unit of the data inside.
@@ -449,7 +510,8 @@ impl StTvStream {
         let StreamSettings { target_gap, max_iterations, deadline, .. } = self.settings;
         let deadline = deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
         let beginning = self.pushed <= MEASURE_EVERY;
-        let mut round = FIRST_ROUND;
+        let mut round = self.expected.max(FIRST_ROUND);
+        let mut done = 0;
         let mut outcome = Outcome {
             status: MovieStatus::Converged,
             iterations: 0,
@@ -461,13 +523,15 @@ impl StTvStream {
                 self.measure_step();
             }
             let left = max_iterations - outcome.iterations;
-            let count = round.min((left * 5).div_ceil(8));
+            let count = round.min((left as f64 / (1.0 + PROOF_SHARE)).ceil() as usize);
             self.run(count, self.step, Which::Image);
+            done += count;
             self.proof.copy_from(&self.image);
-            let proof = (count * 3 / 5).min(left - count).max(1);
+            let proof = ((done as f64 * PROOF_SHARE) as usize).min(left - count).max(1);
             self.run(proof, self.step * PROOF_STEP, Which::Proof);
             outcome.iterations += count + proof;
-            round = (round as f64 * GROWTH) as usize;
+            round = (done as f64 * GROWTH) as usize;
+            self.expected = (done as f64 * BEGIN) as usize;
             let Self { solver, window, evaluation, image, proof, .. } = self;
             let problem = window.problem(solver);
             let bound = evaluation.lower_bound(solver.arch, &problem, proof);
@@ -488,9 +552,9 @@ impl StTvStream {
     /// Iterations of one of the runs; the last one keeps its image as the candidate.
     fn run(&mut self, count: usize, tau: f64, which: Which) {
         let Self { solver, window, evaluation, image, proof, scratch, .. } = self;
-        let (state, tail) = match which {
-            Which::Image => (image, true),
-            Which::Proof => (proof, false),
+        let state = match which {
+            Which::Image => image,
+            Which::Proof => proof,
         };
         let problem = window.problem(solver);
         for k in 0..count {
@@ -498,7 +562,7 @@ impl StTvStream {
                 Memory { columns: &mut scratch.columns, data_dual: &mut evaluation.data_dual };
             let last = k + 1 == count;
             let with = (solver.arch, &solver.single);
-            fit::iterate(with, &problem, state, memory, [tau; 2], (last, tail));
+            fit::iterate(with, &problem, state, memory, [tau; 2], last);
         }
     }
 

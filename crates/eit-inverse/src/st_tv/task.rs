@@ -85,10 +85,7 @@ impl<'a> Task<'a> {
             });
         }
         let one = if scale > 0.0 { scale } else { 1.0 };
-        for target in &mut data.targets {
-            target.values.iter_mut().for_each(|b| *b /= one);
-            target.rest_squared /= one * one;
-        }
+        data.targets.iter_mut().for_each(|target| target.divide(one));
         let per_image = solver.unit / one;
         let largest = lambda_space.max(lambda_time);
         let (weight, objective) = match fidelity {
