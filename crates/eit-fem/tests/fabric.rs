@@ -208,12 +208,12 @@ fn the_truth_holds_the_force() {
     assert!(image[[row, column]] > 0.5 * largest && largest > 0.1 * SIGMA, "{largest:e}");
 }
 
-/// Near the rim the electrodes beside the finger move most, inwards, by tenths of a millimetre; a
+/// Near the rim the electrodes beside the finger move most, inwards by tenths of a millimetre; a
 /// touch in the middle hardly moves any.
 #[test]
 fn electrodes_move_towards_a_finger_near_the_rim() {
     let electrode_shift = |position_m: [f64; 2]| {
-        let made = simulate(&FabricSettings::default(), &press(position_m, 3.0), 1, 1);
+        let made = simulate(&FabricSettings::default(), &press(position_m, 2.0), 1, 1);
         let shifts = made.truth.electrode_shift_m.index_axis(ndarray::Axis(0), 8).to_owned();
         let size = |l: usize| shifts.row(l).iter().map(|s| s * s).sum::<f64>().sqrt();
         let sizes: Vec<f64> = (0..16).map(size).collect();
@@ -226,10 +226,35 @@ fn electrodes_move_towards_a_finger_near_the_rim() {
     assert!(sizes.iter().skip(1).all(|s| *s < sizes[0]), "{sizes:?}");
     assert!(shifts[[0, 0]] < 0.0, "inwards: {}", shifts[[0, 0]]);
     assert!(shifts[[1, 1]] < 0.0 && shifts[[15, 1]] > 0.0, "neighbours towards it");
-    assert!((1e-5..3e-3).contains(&sizes[0]), "{sizes:?}");
+    // pulled down by millimetres, drawn in by tenths
+    assert!((1e-3..1e-2).contains(&sizes[0]), "{sizes:?}");
+    assert!((-1e-3..-1e-4).contains(&shifts[[0, 0]]), "{}", shifts[[0, 0]]);
     assert!(impedances[0] < impedances[1] && impedances[1] < impedances[8], "{impedances:?}");
     let (_, middle, _) = electrode_shift([0.0, 0.0]);
     assert!(middle.iter().all(|s| *s < 0.1 * sizes[0]), "{middle:?}");
+}
+
+/// A moving finger drags the electrodes beside it along, one at rest does not; without friction
+/// neither does. Closed form at the rim: compliance mu F (1 + nu)(3 - nu) / 4 pi Y ln(L / r).
+#[test]
+fn a_moving_finger_drags_the_fabric() {
+    let shift_y = |friction: f64| {
+        let mut settings = FabricSettings::default();
+        settings.membrane.friction = friction;
+        let mut script = press([0.06, 0.0], 1.5);
+        script.fingers[0].keys[1].position_m[1] = -0.03;
+        script.fingers[0].keys[0].position_m[1] = -0.03;
+        script.fingers[0].keys[2].position_m[1] = 0.03;
+        let made = simulate(&settings, &script, 1, 1);
+        // frame 9 is in the middle of the way up; electrode 1 is centred on +x
+        made.truth.electrode_shift_m[[9, 0, 1]]
+    };
+    let (with, without) = (shift_y(0.4), shift_y(0.0));
+    assert!(without.abs() < 1e-5, "symmetric but for the mesh: {without:e}");
+    let wanted =
+        0.7 * 0.4 * 1.5 * 1.3 * 2.7 / (4.0 * std::f64::consts::PI * 300.0) * (0.1_f64 / 0.04).ln();
+    // the electrode is 20 mm wide: the mean of the logarithm over it is 2 % lower
+    assert!(((with - without) / wanted - 1.0).abs() < 0.05, "{with:e} {wanted:e}");
 }
 
 /// Noise has the stated standard deviation; quantised values are multiples of the step; a small
@@ -251,13 +276,13 @@ fn the_instrument_does_what_it_says() {
     script.frames = 12;
     settings.instrument.noise_v = [0.0, 0.0];
     settings.instrument.bits = 12;
-    settings.instrument.range_v = Some(2.0);
+    settings.instrument.range_v = Some(0.5);
     let made = simulate(&settings, &script, 1, 1);
-    let step = 2.0 / 2048.0;
+    let step = 0.5 / 2048.0;
     for ((v, exact), quality) in made.frames_v.iter().zip(&made.exact_v).zip(&made.truth.quality) {
         assert_eq!((v / step).fract(), 0.0);
         if *quality == TrueQuality::Saturated {
-            assert!(exact.abs() > 2.0 - step, "{exact}");
+            assert!(exact.abs() > 0.5 - 2.0 * step, "{exact}");
         } else {
             assert!((v - exact).abs() <= 0.5 * step);
         }
@@ -411,7 +436,7 @@ fn built_in_scripts_fit_the_skin() {
         assert_eq!(script.quiet_frames, 20);
         assert!((0..20).all(|f| script.touches(f).is_empty()), "{name}");
         let touched = (0..script.frames).filter(|f| !script.touches(*f).is_empty()).count();
-        assert!(2 * touched > script.frames, "{name}: {touched} of {}", script.frames);
+        assert!(5 * touched > 2 * script.frames, "{name}: {touched} of {}", script.frames);
     }
     let one = TouchScript::built_in("paper-one-finger", &circle, 1).unwrap();
     let two = TouchScript::built_in("paper-two-fingers", &circle, 1).unwrap();

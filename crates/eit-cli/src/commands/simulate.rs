@@ -230,10 +230,10 @@ impl Made<'_> {
         Ok(())
     }
 
-    /// Largest movement of an electrode, metres.
+    /// Largest movement of an electrode in the plane of the skin, metres.
     fn largest_shift_m(&self) -> f64 {
         let shifts = self.made.truth.electrode_shift_m.rows().into_iter();
-        shifts.map(|s| s.dot(&s).sqrt()).fold(0.0, f64::max)
+        shifts.map(|s| s[0].hypot(s[1])).fold(0.0, f64::max)
     }
 
     fn report(&self, seed: u64, progress: &Progress) -> Value {
@@ -276,7 +276,7 @@ impl Made<'_> {
         let report = &self.made.report;
         format!(
             "{} frames of {} measurements, script {}, on {} nodes; {:.0} frames a second on {} \
-             threads\nelectrodes moved by up to {:.2} mm\nwritten to {}",
+             threads\nelectrodes moved by up to {:.2} mm in the plane\nwritten to {}",
             report.frames,
             self.made.reference_v.len(),
             self.script.name,

@@ -12,7 +12,7 @@ const RATE_HZ: f64 = 10.0;
 /// Frames before the first touch: enough to measure noise to 10 %.
 const QUIET: usize = 20;
 /// Force of a finger that touches without pressing hard, newton.
-const FORCE_N: f64 = 2.0;
+const FORCE_N: f64 = 1.5;
 /// Time to press and to lift, seconds.
 const PRESS_S: f64 = 0.3;
 
@@ -110,7 +110,7 @@ impl TouchScript {
                 (150, vec![along(1, circle, start_s, 9.0, &[place, place])])
             }
             "tapping" => {
-                let tap = |k: usize| (circle.at(0.5, k as f64 * 2.4), 0.5 + 0.3 * k as f64);
+                let tap = |k: usize| (circle.at(0.5, k as f64 * 2.4), 0.4 + 0.2 * k as f64);
                 let places: Vec<_> = (0..8).map(tap).collect();
                 (150, vec![taps(1, circle.tip_m(), start_s, 1.5, &places)])
             }
@@ -133,8 +133,8 @@ impl TouchScript {
 /// Anticlockwise near the rim from the top for one turn, then to the centre.
 fn paper_one(circle: &PlayCircle, start_s: f64, frames: usize) -> Finger {
     // steps of 5 degrees; the way to the centre at the same speed
-    let turn = (0..=72).map(|k| circle.at(0.75, FRAC_PI_2 + TAU * f64::from(k) / 72.0));
-    let home = (1..=12).map(|k| circle.at(0.75 * (1.0 - f64::from(k) / 12.0), FRAC_PI_2));
+    let turn = (0..=72).map(|k| circle.at(0.8, FRAC_PI_2 + TAU * f64::from(k) / 72.0));
+    let home = (1..=12).map(|k| circle.at(0.8 * (1.0 - f64::from(k) / 12.0), FRAC_PI_2));
     let places: Vec<[f64; 2]> = turn.chain(home).collect();
     along(1, circle, start_s, (frames - 5) as f64 / RATE_HZ, &places)
 }
@@ -172,7 +172,7 @@ fn random(circle: &PlayCircle, start_s: f64, frames: usize, seed: u64) -> Vec<Fi
         let mut keys = Vec::new();
         let mut now_s = start_s + random.between(0.0, 3.0);
         for pair in places.chunks_exact(2) {
-            let (stay_s, force_n) = (random.between(1.0, 4.0), random.between(0.5, 3.0));
+            let (stay_s, force_n) = (random.between(1.0, 4.0), random.between(0.5, 2.0));
             if now_s + stay_s + 2.0 * PRESS_S > end_s {
                 break;
             }

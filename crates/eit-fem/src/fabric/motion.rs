@@ -10,6 +10,18 @@
 //! so that the rim itself follows by `compliance`. A fabric that is pulled down beside an electrode
 //! presses on it: `ln(z / z_0) = -contact_gain w / l` with the free deflection there.
 
+//!
+//! A moving finger drags the fabric along by friction `mu F`. An elastic sheet of stiffness `Y` moves
+//! around a force in its plane by (Kelvin's solution in plane stress, the part that is the same in
+//! all directions; Love, A Treatise on the Mathematical Theory of Elasticity, section 148)
+//!
+//! ```text
+//! mu F (1 + nu)(3 - nu) / (4 pi Y) ln(L / max(r, a)),   none beyond r = L
+//! ```
+//!
+//! along the movement, with the contact's radius `a`; `L`, half of the skin's longer side, is where
+//! the rim holds it.
+
 use super::contact::Indentation;
 use super::settings::{FabricSettings, Rim};
 use eit_mesh::{Electrode, Mesh};
@@ -19,6 +31,8 @@ use eit_mesh::{Electrode, Mesh};
 pub(super) struct Placed {
     pub position_m: [f64; 2],
     pub dent: Indentation,
+    /// Displacement by friction where the logarithm is one, metres.
+    pub drag_m: [f64; 2],
 }
 
 /// What does not change over the frames.
@@ -27,6 +41,8 @@ pub(super) struct Motion {
     rim: Rim,
     length_m: f64,
     moves: bool,
+    /// Half of the skin's longer side.
+    half_m: f64,
     nodes_m: Vec<[f64; 3]>,
     /// Part of the free displacement that each node makes.
     follows: Vec<f64>,
@@ -51,6 +67,10 @@ impl Motion {
             rim: settings.rim,
             length_m,
             moves: membrane.moves_nodes,
+            half_m: {
+                let [low, high] = surface.bounds_m();
+                0.5 * (high[0] - low[0]).max(high[1] - low[1])
+            },
             follows: nodes_m.iter().map(follows).collect(),
             electrodes: mesh.electrodes().iter().map(|e| weights(mesh, e)).collect(),
             nodes_m,
@@ -72,8 +92,10 @@ impl Motion {
                 let r = dx.hypot(dy);
                 let dent = touch.dent.at(r);
                 let outward = if r > 0.0 { dent.displacement_m / r } else { 0.0 };
-                moved[0] += follows * outward * dx;
-                moved[1] += follows * outward * dy;
+                let near = r.max(touch.dent.contact_radius_m);
+                let dragged = (self.half_m / near).ln().max(0.0);
+                moved[0] += follows * (outward * dx + dragged * touch.drag_m[0]);
+                moved[1] += follows * (outward * dy + dragged * touch.drag_m[1]);
                 moved[2] -= follows * dent.deflection_m;
             }
         }

@@ -83,6 +83,8 @@ pub struct Touch {
     pub force_n: f64,
     /// Metres; see [`Tip`].
     pub radius_m: f64,
+    /// Unit vector of its movement since the frame before; zeros at rest.
+    pub direction: [f64; 2],
 }
 
 impl Finger {
@@ -106,6 +108,7 @@ impl Finger {
             position_m: [0, 1].map(|i| mix(from.position_m[i], to.position_m[i])),
             force_n: mix(from.force_n, to.force_n),
             radius_m: mix(from.radius_m, to.radius_m),
+            direction: [0.0; 2],
         };
         (touch.force_n > 0.0).then_some(touch)
     }
@@ -114,8 +117,21 @@ impl Finger {
 impl TouchScript {
     /// The fingers that touch in a frame.
     pub fn touches(&self, frame: usize) -> Vec<Touch> {
-        let time_s = frame as f64 / self.frame_rate_hz;
-        self.fingers.iter().filter_map(|finger| finger.at(time_s)).collect()
+        let time_s = |frame: usize| frame as f64 / self.frame_rate_hz;
+        let before = |finger: &Finger| finger.at(time_s(frame.checked_sub(1)?));
+        let now = |finger: &Finger| {
+            let mut touch = finger.at(time_s(frame))?;
+            if let Some(before) = before(finger) {
+                let [x, y] = [0, 1].map(|k| touch.position_m[k] - before.position_m[k]);
+                let step_m = x.hypot(y);
+                // less than a micrometre is rounding of a finger at rest
+                if step_m > 1e-6 {
+                    touch.direction = [x / step_m, y / step_m];
+                }
+            }
+            Some(touch)
+        };
+        self.fingers.iter().filter_map(now).collect()
     }
 
     /// Refuses what cannot be on this skin, before any work.

@@ -29,13 +29,18 @@ pub struct FabricSettings {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Membrane {
-    /// Tension, newton per metre, above zero. Assumed: 100, knitted elastane stretched by some 20 %.
+    /// Tension, newton per metre, above zero. Assumed: 50, a knit stretched over a frame; a
+    /// fingertip of 1.5 N then sinks in by a centimetre.
     pub tension_n_per_m: f64,
-    /// Foundation: pressure per deflection, pascal per metre, above zero. Assumed: 1e6, soft foam
-    /// of 10 kPa and 10 mm. With 100 N/m a dent is about 10 mm wide.
+    /// Foundation: pressure per deflection, pascal per metre, above zero. Assumed: 5e4, next to
+    /// nothing beneath the fabric. With 50 N/m a dent reaches 30 mm. Soft foam has 1e6.
     pub foundation_pa_per_m: f64,
     /// Poisson's ratio of the fabric, from 0 to below 1. Assumed: 0.3.
     pub poisson_ratio: f64,
+    /// Stiffness of the fabric in its plane, newton per metre, above zero. Assumed: 300, a knit.
+    pub stiffness_n_per_m: f64,
+    /// Friction of a moving finger, which drags the fabric along. Assumed: 0.4. Zero: none.
+    pub friction: f64,
     /// Whether the dent moves the nodes of the mesh; false: the solves see a flat skin at rest.
     pub moves_nodes: bool,
 }
@@ -43,9 +48,11 @@ pub struct Membrane {
 impl Default for Membrane {
     fn default() -> Self {
         Self {
-            tension_n_per_m: 100.0,
-            foundation_pa_per_m: 1e6,
+            tension_n_per_m: 50.0,
+            foundation_pa_per_m: 5e4,
             poisson_ratio: 0.3,
+            stiffness_n_per_m: 300.0,
+            friction: 0.4,
             moves_nodes: true,
         }
     }
@@ -56,9 +63,9 @@ impl Default for Membrane {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Piezoresistance {
-    /// Change of ln(conductivity) under very high pressure. Assumed: 0.6. Zero: no effect.
+    /// Change of ln(conductivity) under very high pressure. Assumed: 0.3. Zero: no effect.
     pub pressure_gain: f64,
-    /// Pressure of half that change, pascal, above zero. Assumed: 3e4.
+    /// Pressure of half that change, pascal, above zero. Assumed: 1e4.
     pub half_pressure_pa: f64,
     /// Change of ln(conductivity) per areal strain; positive: stretching brings yarns together.
     /// Zero: no effect. Published gauge factors of knitted sensors are 0 to 2.4 in size, of either
@@ -81,8 +88,8 @@ pub struct Piezoresistance {
 impl Default for Piezoresistance {
     fn default() -> Self {
         Self {
-            pressure_gain: 0.6,
-            half_pressure_pa: 3e4,
+            pressure_gain: 0.3,
+            half_pressure_pa: 1e4,
             strain_gain: 1.2,
             hysteresis: 0.1,
             thresholds: vec![0.02, 0.05, 0.1, 0.2],
@@ -98,16 +105,16 @@ impl Default for Piezoresistance {
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Rim {
     /// Part of the free fabric's displacement that the rim follows: 0 rigid, 1 free. Springs in
-    /// series, `1 / (1 + rim stiffness / fabric stiffness)`. Assumed: 0.5.
+    /// series, `1 / (1 + rim stiffness / fabric stiffness)`. Assumed: 0.7.
     pub compliance: f64,
     /// Fall of ln(contact impedance) per deflection at the electrode over the membrane's length:
-    /// a deflected fabric pulls at its electrode. Zero: no effect. Assumed: 0.5.
+    /// a fabric pulled down is pressed against its electrode. Zero: no effect. Assumed: 2.
     pub contact_gain: f64,
 }
 
 impl Default for Rim {
     fn default() -> Self {
-        Self { compliance: 0.5, contact_gain: 0.5 }
+        Self { compliance: 0.7, contact_gain: 2.0 }
     }
 }
 
@@ -230,6 +237,7 @@ impl FabricSettings {
         let positive = [
             ("fabric.membrane.tension_n_per_m", membrane.tension_n_per_m),
             ("fabric.membrane.foundation_pa_per_m", membrane.foundation_pa_per_m),
+            ("fabric.membrane.stiffness_n_per_m", membrane.stiffness_n_per_m),
             ("fabric.piezo.half_pressure_pa", piezo.half_pressure_pa),
             ("fabric.weave.correlation_m", weave.correlation_m),
             ("fabric.drift.time_s", drift.time_s),
@@ -243,6 +251,7 @@ impl FabricSettings {
         require(list("fabric.piezo.relaxation_s", &piezo.relaxation_s), |v| v > 0.0, "above zero")?;
         require(list("fabric.piezo.relaxing", &piezo.relaxing), |v| v >= 0.0, "at least zero")?;
         let amplitudes = [
+            ("fabric.membrane.friction", membrane.friction),
             ("fabric.weave.amplitude", weave.amplitude),
             ("fabric.drift.conductivity", drift.conductivity),
             ("fabric.drift.contact", drift.contact),

@@ -198,11 +198,16 @@ impl Fabric {
             return Err(FemError::OutOfRange { quantity, value: 0.0, must });
         }
         let place = |frame: usize, touch: &Touch| {
-            let Touch { finger, tip, position_m, force_n, radius_m } = *touch;
+            let Touch { finger, tip, position_m, force_n, radius_m, direction } = *touch;
+            let membrane = &self.settings.membrane;
+            let nu = membrane.poisson_ratio;
+            let drag_m = membrane.friction * force_n * (1.0 + nu) * (3.0 - nu)
+                / (4.0 * PI * membrane.stiffness_n_per_m);
             let dent = Indentation::new(&self.settings.membrane, tip, radius_m, force_n);
             let time_s = frame as f64 / script.frame_rate_hz;
             let too_large = FemError::ForceTooLarge { finger, time_s, force_n, radius_m };
-            dent.map(|dent| Placed { position_m, dent }).ok_or(too_large)
+            let placed = |dent| Placed { position_m, dent, drag_m: direction.map(|d| d * drag_m) };
+            dent.map(placed).ok_or(too_large)
         };
         let frame = |f: usize| script.touches(f).iter().map(|touch| place(f, touch)).collect();
         (0..script.frames).map(frame).collect()
