@@ -31,6 +31,7 @@ enum Out {
 /// Simulates and writes.
 pub(crate) fn run(args: &SimulateArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
+    let file = script_file(&args.script)?;
     let format = ending(&args.out);
     let mut out = match format.as_str() {
         "npy" | "csv" => Out::Frames(OutFile::new(&args.out)?, format),
@@ -42,7 +43,7 @@ pub(crate) fn run(args: &SimulateArgs) -> Result<Answer, CliError> {
         _ => Some(args.nodes.unwrap_or(NODES)),
     };
     let setup = pipeline::setup(&scene, None, nodes, &mut progress)?;
-    let script = script(args, &setup.mesh)?;
+    let script = script(args, file, &setup.mesh)?;
     let raster = pipeline::raster(&scene, &setup, &mut progress)?;
     pipeline::check_images(2 * script.frames, &raster)?;
     let threads = match args.threads {
@@ -93,16 +94,32 @@ pub(crate) fn run(args: &SimulateArgs) -> Result<Answer, CliError> {
     Ok(Answer { text: super::with_warning(text, note.as_ref()), json })
 }
 
-/// The script by name or from a file.
-fn script(args: &SimulateArgs, mesh: &Mesh) -> Result<TouchScript, CliError> {
-    let path = Path::new(&args.script);
-    let mut script = if ending(path) == "toml" {
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| CliError::input(format!("{}: {e}", args.script)))?;
-        from_toml(&text, &args.script)?
-    } else {
-        TouchScript::built_in(&args.script, &PlayCircle::of(mesh), args.seed)
-            .map_err(|e| CliError::input(format!("{e}; or give a file: F.toml")))?
+/// The script of a file; `None` for the name of a built-in one, which needs the mesh.
+fn script_file(name: &str) -> Result<Option<TouchScript>, CliError> {
+    let path = Path::new(name);
+    if ending(path) == "toml" {
+        let text =
+            std::fs::read_to_string(path).map_err(|e| CliError::input(format!("{name}: {e}")))?;
+        return from_toml(&text, name).map(Some);
+    }
+    if TouchScript::BUILT_IN.contains(&name) {
+        return Ok(None);
+    }
+    let known = TouchScript::BUILT_IN.join(", ");
+    Err(CliError::input(format!(
+        "--script {name}: there is no such script: known are {known}; or give a file: F.toml"
+    )))
+}
+
+/// The script that will be run, checked on its skin.
+fn script(
+    args: &SimulateArgs,
+    file: Option<TouchScript>,
+    mesh: &Mesh,
+) -> Result<TouchScript, CliError> {
+    let mut script = match file {
+        Some(script) => script,
+        None => TouchScript::built_in(&args.script, &PlayCircle::of(mesh), args.seed)?,
     };
     if let Some(frames) = args.frames {
         script.frames = script.frames.min(frames);
