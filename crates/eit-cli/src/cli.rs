@@ -50,8 +50,8 @@ pub(crate) enum Command {
     ///
     /// A script moves fingers over the scene's skin: each dents the stretched fabric, changes its
     /// conductivity (with hysteresis and relaxation) and draws the electrodes near it; the fabric is
-    /// uneven and drifts; an instrument measures. [fabric] of the scene has the parameters
-    /// (docs/FABRIC.md); parts with amplitude zero are left out.
+    /// uneven and drifts; an instrument measures. The scene's fabric tables have the
+    /// parameters (docs/FABRIC.md); parts with amplitude zero are left out.
     ///
     /// Built-in scripts: paper-one-finger, paper-two-fingers (the experiments of the paper), random,
     /// press-and-hold, tapping, stroking, closing-in. The script that was run is written to

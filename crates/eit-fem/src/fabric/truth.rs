@@ -67,7 +67,8 @@ pub struct Truth {
     pub contact_impedance: Array2<f64>,
     /// Why a measurement is bad: [frame, measurement].
     pub quality: Array2<TrueQuality>,
-    /// Standard deviation of the instrument's noise, rounding included, volt: [measurement].
+    /// Standard deviation of the instrument's noise, rounding included, volt: one per
+    /// measurement.
     pub noise_std_v: Array1<f64>,
 }
 
@@ -78,7 +79,7 @@ pub struct Simulation {
     pub frames_v: Array2<f64>,
     /// The same without instrument, volt; with open contacts and a source that gives up.
     pub exact_v: Array2<f64>,
-    /// The untouched skin at time 0 without instrument, volt: [measurement].
+    /// The untouched skin at time 0 without instrument, volt: one per measurement.
     pub reference_v: Array1<f64>,
     /// What really was.
     pub truth: Truth,
