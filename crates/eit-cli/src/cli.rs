@@ -17,6 +17,7 @@ use std::path::PathBuf;
         eit mesh paper-disc --out skin.png     look at the mesh\n  \
         eit forward paper-disc --out v.csv     voltages of the untouched skin\n  \
         eit reconstruct my.toml --frames f.csv --reference 0 --out images\n  \
+        eit simulate paper-disc --out touched  frames of a touched fabric, with the truth\n  \
         eit report --quick                     compare every method on simulated touches\n\n\
         Exit codes: 0 done, 2 wrong usage or bad input, 1 failure."
 )]
@@ -45,6 +46,19 @@ pub(crate) enum Command {
     Forward(ForwardArgs),
     /// Compute the Jacobian [measurement, element], volt per siemens.
     Jacobian(JacobianArgs),
+    /// Simulate frames of a touched fabric, with the truth beside them.
+    ///
+    /// A script moves fingers over the scene's skin: each dents the stretched fabric, changes its
+    /// conductivity (with hysteresis and relaxation) and draws the electrodes near it; the fabric is
+    /// uneven and drifts; an instrument measures. The scene's fabric tables have the
+    /// parameters (docs/FABRIC.md); parts with amplitude zero are left out.
+    ///
+    /// Built-in scripts: paper-one-finger, paper-two-fingers (the experiments of the paper), random,
+    /// press-and-hold, tapping, stroking, closing-in. The script that was run is written to
+    /// script.toml, as a start for one's own.
+    ///
+    /// Then: eit reconstruct DIR/scene.toml --out images
+    Simulate(SimulateArgs),
     /// Turn recorded frames into images of the conductivity change.
     ///
     /// State the noise in the scene (noise.additive_v or noise.quiet_frames) and the method is total
@@ -142,6 +156,33 @@ pub(crate) struct JacobianArgs {
     pub conductivity: Option<PathBuf>,
     /// Result: F.npy.
     #[arg(long, value_name = "F.npy")]
+    pub out: PathBuf,
+}
+
+/// `eit simulate`
+#[derive(Debug, Args)]
+pub(crate) struct SimulateArgs {
+    /// Scene file or built-in scene.
+    pub scene: String,
+    /// Built-in touch script, or a file: F.toml.
+    #[arg(long, value_name = "NAME|F.toml", default_value = "paper-one-finger")]
+    pub script: String,
+    /// Seed of everything random: fabric, drift, noise, the script "random".
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Only the first N frames of the script.
+    #[arg(long, value_name = "N")]
+    pub frames: Option<usize>,
+    /// About this many nodes in the mesh that simulates [default: 7000; images are made on one of
+    /// 2000]. A mesh file is taken as it is.
+    #[arg(long, value_name = "N")]
+    pub nodes: Option<usize>,
+    /// Threads [default: all]; the result does not depend on them.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    /// Folder for frames, truth, pictures and a scene to reconstruct with; or F.npy or F.csv for
+    /// the frames alone.
+    #[arg(long, value_name = "DIR|F")]
     pub out: PathBuf,
 }
 

@@ -10,7 +10,9 @@ use serde_json::Value;
 #[test]
 fn help_teaches_every_command() {
     let help = succeed(&["--help"]);
-    for command in ["demo", "plan", "mesh", "forward", "jacobian", "reconstruct", "report"] {
+    for command in
+        ["demo", "plan", "mesh", "forward", "jacobian", "simulate", "reconstruct", "report"]
+    {
         assert!(help.contains(&format!("  {command} ")), "{command}");
         assert!(succeed(&[command, "--help"]).contains("Usage"), "{command}");
     }

@@ -8,7 +8,7 @@
 //! constant electrode part; 20 000 nodes: 0.3 MFLOP, 1.5 MB read, 1 MB scattered.
 
 use crate::electrode_model::Contact;
-use crate::element::Element;
+use crate::geometry::Geometry;
 
 /// Lower triangle by columns, and where each element's six entries go.
 #[derive(Debug)]
@@ -17,29 +17,22 @@ pub(crate) struct Assembly {
     pub column_starts: Vec<u32>,
     /// Row of each entry, ascending within a column.
     pub rows: Vec<u32>,
-    /// Electrode part of the values; does not change with the conductivity.
-    constant: Vec<f64>,
     /// For each triangle: entries (0,1), (1,2), (2,0), then diagonals 0, 1, 2.
     entries: Vec<[u32; 6]>,
-    /// Off-diagonal unit stiffness of each triangle, the same order.
-    stiffness: Vec<[f64; 3]>,
+    /// Entry of each electrode term, in the order of `Contact::values`.
+    contact_entries: Vec<u32>,
 }
 
 impl Assembly {
     /// Builds the pattern. `triangles` and `contacts` name unknowns in elimination order.
-    pub fn new(
-        unknowns: usize,
-        triangles: &[[u32; 3]],
-        elements: &[Element],
-        contacts: &[Contact],
-    ) -> Self {
+    pub fn new(unknowns: usize, triangles: &[[u32; 3]], contacts: &[Contact]) -> Self {
         let pairs = |t: &[u32; 3]| {
             [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]], [t[0], t[0]], [t[1], t[1]], [t[2], t[2]]]
         };
         // a pair as (column, row) of the lower triangle
         let lower = |[i, j]: [u32; 2]| (i.min(j), i.max(j));
         let mut places: Vec<(u32, u32)> = triangles.iter().flat_map(pairs).map(lower).collect();
-        places.extend(contacts.iter().flat_map(|c| c.terms()).map(|(p, _)| lower(p)));
+        places.extend(contacts.iter().flat_map(|c| c.pairs()).map(lower));
         places.sort_unstable();
         places.dedup();
         let mut column_starts = vec![0u32; unknowns + 1];
@@ -57,14 +50,31 @@ impl Assembly {
             // present by construction: both lists went into `places`
             from + column.partition_point(|p| *p < place) as u32
         };
-        let mut constant = vec![0.0; places.len()];
-        for (pair, value) in contacts.iter().flat_map(|c| c.terms()) {
-            constant[find(pair) as usize] += value;
-        }
         let entries = triangles.iter().map(|t| pairs(t).map(find)).collect();
-        let stiffness = elements.iter().map(|e| e.stiffness()).collect();
+        let contact_entries = contacts.iter().flat_map(|c| c.pairs()).map(find).collect();
         let rows = places.iter().map(|p| p.1).collect();
-        Self { column_starts, rows, constant, entries, stiffness }
+        Self { column_starts, rows, entries, contact_entries }
+    }
+
+    /// Adds up the electrode part of the values: it does not change with the conductivity.
+    ///
+    /// `positions` holds the place of each unknown that is a node.
+    pub fn fill_contacts(
+        &self,
+        contacts: &[Contact],
+        positions: &[[f64; 3]],
+        contact_impedance: &[f64],
+        constant: &mut [f64],
+    ) {
+        constant.fill(0.0);
+        let mut entries = self.contact_entries.iter();
+        for (contact, &impedance) in contacts.iter().zip(contact_impedance) {
+            contact.values(positions, impedance, |value| {
+                if let Some(&entry) = entries.next() {
+                    constant[entry as usize] += value;
+                }
+            });
+        }
     }
 
     /// Number of stored entries.
@@ -73,10 +83,10 @@ impl Assembly {
     }
 
     /// Writes the values for one conductivity per triangle, siemens.
-    pub fn fill(&self, conductivity_s: &[f64], values: &mut [f64]) {
-        values.copy_from_slice(&self.constant);
+    pub fn fill(&self, geometry: &Geometry, conductivity_s: &[f64], values: &mut [f64]) {
+        values.copy_from_slice(&geometry.constant);
         for ((entry, stiffness), sigma) in
-            self.entries.iter().zip(&self.stiffness).zip(conductivity_s)
+            self.entries.iter().zip(&geometry.stiffness).zip(conductivity_s)
         {
             let [k01, k12, k20] = stiffness.map(|k| sigma * k);
             let [e01, e12, e20, e0, e1, e2] = entry.map(|e| e as usize);
@@ -121,7 +131,7 @@ impl Assembly {
         for t in triangles {
             (0..3).for_each(|k| join(t[k], t[(k + 1) % 3]));
         }
-        contacts.iter().flat_map(|c| c.terms()).for_each(|([i, j], _)| join(i, j));
+        contacts.iter().flat_map(|c| c.pairs()).for_each(|[i, j]| join(i, j));
         links.sort_unstable();
         links.dedup();
         let mut starts = vec![0u32; count + 1];

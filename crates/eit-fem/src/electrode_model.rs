@@ -12,74 +12,86 @@
 //! edge of length `h` are `h/3` (diagonal), `h/6`, `h/2`; over a triangle of area `A` they are
 //! `A/6`, `A/12`, `A/3`.
 
+use crate::element::area_m2;
 use eit_mesh::{Electrode, Surface};
 
-/// One electrode: its parts as node lists, its potential's unknown, its impedance.
+/// One electrode: its parts as lists of unknowns, and its potential's unknown.
 #[derive(Debug, Clone)]
 pub(crate) struct Contact {
-    parts: Vec<Part>,
+    /// Ends of rim edges, or corners of triangles.
+    parts: Vec<Vec<u32>>,
     /// Unknown of the electrode potential; `None` for the grounded electrode.
     potential: Option<u32>,
-    /// Ohm metre (rim) or ohm square metre (patch).
-    impedance: f64,
-}
-
-#[derive(Debug, Clone)]
-struct Part {
-    nodes: Vec<u32>,
-    measure: f64,
 }
 
 impl Contact {
     /// An electrode of a surface; `potential` is its unknown.
-    pub fn new(
-        surface: &Surface,
-        electrode: &Electrode,
-        impedance: f64,
-        potential: Option<u32>,
-    ) -> Self {
-        let length = |e: &[u32; 2]| {
-            let [a, b] = e.map(|n| surface.nodes()[n as usize]);
-            (0..3).map(|k| (b[k] - a[k]).powi(2)).sum::<f64>().sqrt()
-        };
+    pub fn new(surface: &Surface, electrode: &Electrode, potential: Option<u32>) -> Self {
         let parts = match electrode {
-            Electrode::Rim(edges) => {
-                edges.iter().map(|e| Part { nodes: e.to_vec(), measure: length(e) }).collect()
+            Electrode::Rim(edges) => edges.iter().map(|e| e.to_vec()).collect(),
+            Electrode::Patch(triangles) => {
+                triangles.iter().map(|&t| surface.triangles()[t as usize].to_vec()).collect()
             }
-            Electrode::Patch(triangles) => triangles
-                .iter()
-                .map(|&t| Part {
-                    nodes: surface.triangles()[t as usize].to_vec(),
-                    measure: surface.areas_m2()[t as usize],
-                })
-                .collect(),
         };
-        Self { parts, potential, impedance }
+        Self { parts, potential }
     }
 
     /// The same electrode with renumbered nodes.
     pub fn renumbered(&self, new_from_old: &[u32]) -> Self {
         let mut contact = self.clone();
-        for node in contact.parts.iter_mut().flat_map(|p| &mut p.nodes) {
+        for node in contact.parts.iter_mut().flatten() {
             *node = new_from_old[*node as usize];
         }
         contact
     }
 
-    /// Matrix terms ([unknown, unknown], value), each unordered pair once per part.
-    pub fn terms(&self) -> Vec<([u32; 2], f64)> {
-        let mut terms = Vec::new();
-        for Part { nodes, measure } in &self.parts {
-            let (count, scale) = (nodes.len() as f64, measure / self.impedance);
+    /// Pairs of unknowns that the electrode joins, in the order of [`Contact::values`].
+    pub fn pairs(&self) -> Vec<[u32; 2]> {
+        let mut pairs = Vec::new();
+        for nodes in &self.parts {
+            for (k, &i) in nodes.iter().enumerate() {
+                pairs.push([i, i]);
+                pairs.extend(nodes[..k].iter().map(|&j| [i, j]));
+                pairs.extend(self.potential.map(|u| [u, i]));
+            }
+            pairs.extend(self.potential.map(|u| [u, u]));
+        }
+        pairs
+    }
+
+    /// Hands the matrix values of all pairs to `visit`, each unordered pair once per part.
+    ///
+    /// `positions` holds the place of each unknown that is a node, metres; `impedance` is in ohm
+    /// metre (rim) or ohm square metre (patch).
+    pub fn values(&self, positions: &[[f64; 3]], impedance: f64, mut visit: impl FnMut(f64)) {
+        for nodes in &self.parts {
+            let (count, scale) = (nodes.len() as f64, measure(nodes, positions) / impedance);
             // mean of a product of hat functions: 2 / (d (d+1)) on, 1 / (d (d+1)) off the diagonal
             let mass = scale / (count * (count + 1.0));
-            for (k, &i) in nodes.iter().enumerate() {
-                terms.push(([i, i], 2.0 * mass));
-                terms.extend(nodes[..k].iter().map(|&j| ([i, j], mass)));
-                terms.extend(self.potential.map(|u| ([u, i], -scale / count)));
+            for k in 0..nodes.len() {
+                visit(2.0 * mass);
+                (0..k).for_each(|_| visit(mass));
+                if self.potential.is_some() {
+                    visit(-scale / count);
+                }
             }
-            terms.extend(self.potential.map(|u| ([u, u], scale)));
+            if self.potential.is_some() {
+                visit(scale);
+            }
         }
-        terms
+    }
+}
+
+/// Length of an edge, metres, or area of a triangle, square metres.
+fn measure(nodes: &[u32], positions: &[[f64; 3]]) -> f64 {
+    let place = |n: &u32| positions[*n as usize];
+    match nodes {
+        [a, b] => {
+            let (a, b) = (place(a), place(b));
+            (0..3).map(|k| (b[k] - a[k]).powi(2)).sum::<f64>().sqrt()
+        }
+        [a, b, c] => area_m2([place(a), place(b), place(c)]),
+        // parts are edges or triangles
+        _ => 0.0,
     }
 }

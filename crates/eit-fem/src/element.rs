@@ -14,8 +14,6 @@
 //! flat and curved skins alike. (Linear triangle: any finite element text, for example
 //! Hughes, The Finite Element Method, section 3.)
 
-use eit_mesh::Surface;
-
 /// Scaled gradient coefficients of one triangle, dimensionless.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Element {
@@ -30,25 +28,14 @@ pub(crate) struct Element {
 impl Element {
     /// From the three corners, metres.
     pub fn new(corners: [[f64; 3]; 3]) -> Self {
-        let edge =
-            |k: usize| -> [f64; 3] { std::array::from_fn(|i| corners[k][i] - corners[0][i]) };
+        let edge = |k: usize| sub(corners[k], corners[0]);
         let (e1, e2) = (edge(1), edge(2));
         let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        let cross = [
-            e1[1] * e2[2] - e1[2] * e2[1],
-            e1[2] * e2[0] - e1[0] * e2[2],
-            e1[0] * e2[1] - e1[1] * e2[0],
-        ];
         let l = dot(e1, e1).sqrt();
-        let double_area = dot(cross, cross).sqrt();
+        let double_area = norm(cross(e1, e2));
         let h = double_area / l;
         let root = (0.5 * double_area).sqrt();
         Self { alpha: root / l, beta: root / h, gamma: root * dot(e1, e2) / (l * l * h) }
-    }
-
-    /// All elements of a surface.
-    pub fn of_surface(surface: &Surface) -> Vec<Self> {
-        (0..surface.triangles().len()).map(|t| Self::new(surface.corners(t))).collect()
     }
 
     /// Scaled gradient of nodal values.
@@ -68,6 +55,23 @@ impl Element {
         let dot = |a: [f64; 2], b: [f64; 2]| a[0] * b[0] + a[1] * b[1];
         [dot(g0, g1), dot(g1, g2), dot(g2, g0)]
     }
+}
+
+/// Area of a triangle, square metres.
+pub(crate) fn area_m2(corners: [[f64; 3]; 3]) -> f64 {
+    0.5 * norm(cross(sub(corners[1], corners[0]), sub(corners[2], corners[0])))
+}
+
+fn sub(b: [f64; 3], a: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|i| b[i] - a[i])
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn norm(a: [f64; 3]) -> f64 {
+    (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
 }
 
 #[cfg(test)]

@@ -154,6 +154,116 @@ pub enum FemError {
         /// The potential, volt.
         value_v: f64,
     },
+    /// A node position is not a number.
+    #[error("node {node} is moved to {position_m:?} m: positions must be finite")]
+    NonFinitePosition {
+        /// Node index.
+        node: usize,
+        /// Its position, metres.
+        position_m: [f64; 3],
+    },
+    /// A moved triangle is empty.
+    #[error("triangle {triangle} has the area {area_m2:e} m^2 after its nodes have moved")]
+    ZeroArea {
+        /// Triangle index.
+        triangle: usize,
+        /// Its area, square metres.
+        area_m2: f64,
+    },
+    /// An electrode number of a list does not exist.
+    #[error("{what} names electrode {number}, but the skin has electrodes 1 to {electrodes}")]
+    NoSuchElectrode {
+        /// Which list.
+        what: &'static str,
+        /// The number, from 1.
+        number: usize,
+        /// Electrodes there are.
+        electrodes: usize,
+    },
+    /// A key of a touch script that cannot be.
+    #[error("finger {finger}, key {key}: {quantity} is {value}: it must be {must}")]
+    BadTouch {
+        /// The finger's number.
+        finger: u32,
+        /// Index of the key, from 0.
+        key: usize,
+        /// The quantity with its unit.
+        quantity: &'static str,
+        /// Value given.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// Keys of a finger that do not follow each other in time.
+    #[error("finger {finger}, key {key}: its time {time_s} s is not after {before_s} s before it")]
+    UnsortedKeys {
+        /// The finger's number.
+        finger: u32,
+        /// Index of the key, from 0.
+        key: usize,
+        /// Its time, seconds.
+        time_s: f64,
+        /// Time of the key before, seconds.
+        before_s: f64,
+    },
+    /// A touch beside the skin.
+    #[error("finger {finger}, {place}, {time_s} s: ({x_m}, {y_m}) m is not on the skin")]
+    OutsideSkin {
+        /// The finger's number.
+        finger: u32,
+        /// "at key N" or "on its way".
+        place: String,
+        /// Seconds.
+        time_s: f64,
+        /// Position, metres.
+        x_m: f64,
+        /// Position, metres.
+        y_m: f64,
+    },
+    /// A force beyond the contact model.
+    #[error(
+        "finger {finger}, {time_s} s: {force_n} N on a tip of {radius_m} m makes a slope above one, \
+         beyond the contact model: press less, take a larger tip, more tension or a stiffer foundation"
+    )]
+    ForceTooLarge {
+        /// The finger's number.
+        finger: u32,
+        /// Seconds.
+        time_s: f64,
+        /// Newton.
+        force_n: f64,
+        /// Metres.
+        radius_m: f64,
+    },
+    /// Touches that fold the mesh.
+    #[error(
+        "frame {frame}: the touches turn triangle {triangle} over ({area_ratio} of its area at \
+         rest): press less, or touch further apart"
+    )]
+    FoldedMesh {
+        /// Frame.
+        frame: usize,
+        /// Triangle index.
+        triangle: usize,
+        /// Area seen from above over that at rest.
+        area_ratio: f64,
+    },
+    /// A curved skin where a flat one is needed.
+    #[error("node {node} is {height_m} m above the plane z = 0: the simulated fabric is flat")]
+    NotFlat {
+        /// Node index.
+        node: usize,
+        /// z, metres.
+        height_m: f64,
+    },
+    /// A touch script that there is not.
+    #[error("there is no touch script \"{name}\": known are {known}")]
+    UnknownScript {
+        /// Name given.
+        name: String,
+        /// Names there are.
+        known: String,
+    },
     /// A parameter is out of range.
     #[error("{quantity} is {value}: it must be {must}")]
     OutOfRange {

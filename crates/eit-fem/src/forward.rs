@@ -15,8 +15,8 @@
 
 use crate::assembly::{Assembly, renumber};
 use crate::electrode_model::Contact;
-use crate::element::Element;
 use crate::fields::Fields;
+use crate::geometry::Geometry;
 use crate::solver::{Solver, order};
 use crate::workspace::Patterns;
 use crate::{FemError, Protocol, Solution, Workspace};
@@ -30,7 +30,10 @@ pub struct ForwardModel {
     /// Non-zero entries of the protocol's patterns.
     pub(crate) patterns: Patterns,
     pub(crate) fields: Fields,
-    pub(crate) elements: Vec<Element>,
+    /// Numbers of the mesh's own node positions and of the impedances given.
+    pub(crate) geometry: Geometry,
+    /// Electrodes, in unknowns.
+    pub(crate) contacts: Vec<Contact>,
     /// Triangles as unknowns in elimination order.
     pub(crate) triangles: Vec<[u32; 3]>,
     /// Unknown of each mesh node.
@@ -77,7 +80,7 @@ impl ForwardModel {
             .enumerate()
             .map(|(l, electrode)| {
                 let potential = (l != ground).then_some((nodes + l) as u32);
-                Contact::new(surface, electrode, contact_impedance[l], potential)
+                Contact::new(surface, electrode, potential)
             })
             .collect();
         let graph = Assembly::adjacency(surface.triangles(), &contacts, nodes);
@@ -85,19 +88,23 @@ impl ForwardModel {
         let contacts: Vec<Contact> =
             contacts.iter().map(|c| c.renumbered(&unknown_of_node)).collect();
         let triangles = renumber(surface.triangles(), &unknown_of_node);
-        let elements = Element::of_surface(surface);
-        let assembly = Assembly::new(nodes + ground, &triangles, &elements, &contacts);
+        let assembly = Assembly::new(nodes + ground, &triangles, &contacts);
         let solver = Solver::new(&assembly, nodes)?;
-        Ok(Self {
+        let mut geometry = Geometry::empty(triangles.len(), assembly.entry_count(), nodes);
+        let mut model = Self {
             protocol: protocol.clone(),
             patterns: Patterns::new(protocol),
             fields: Fields::new(protocol),
-            elements,
+            geometry: Geometry::empty(0, 0, 0),
+            contacts,
             triangles,
             unknown_of_node,
             assembly,
             solver,
-        })
+        };
+        model.fill_geometry(surface.nodes(), contact_impedance, &mut geometry)?;
+        model.geometry = geometry;
+        Ok(model)
     }
 
     /// The protocol.
@@ -107,7 +114,7 @@ impl ForwardModel {
 
     /// Number of elements: the length of a conductivity.
     pub fn elements(&self) -> usize {
-        self.elements.len()
+        self.triangles.len()
     }
 
     /// Node and electrode potentials.
@@ -145,7 +152,7 @@ impl ForwardModel {
         workspace: &'a mut Workspace,
     ) -> Result<Solution<'a>, FemError> {
         self.check_conductivity(conductivity_s)?;
-        Solution::new(self, conductivity_s, workspace)
+        Solution::new(self, &self.geometry, conductivity_s, workspace)
     }
 
     /// Voltages of every measurement for one conductivity per element; allocates a workspace.
@@ -164,12 +171,12 @@ impl ForwardModel {
         Ok(self.solve(conductivity_s, &mut self.workspace()?)?.jacobian())
     }
 
-    fn check_conductivity(&self, conductivity_s: &[f64]) -> Result<(), FemError> {
-        if conductivity_s.len() != self.elements.len() {
+    pub(crate) fn check_conductivity(&self, conductivity_s: &[f64]) -> Result<(), FemError> {
+        if conductivity_s.len() != self.triangles.len() {
             return Err(FemError::WrongLength {
                 what: "conductivity (one per element)",
                 found: conductivity_s.len(),
-                wanted: self.elements.len(),
+                wanted: self.triangles.len(),
             });
         }
         match conductivity_s.iter().position(|s| !(s.is_finite() && *s > 0.0)) {
@@ -190,6 +197,11 @@ fn check_electrodes(
     if protocol.electrodes() != count {
         return Err(FemError::ElectrodeCount { protocol: protocol.electrodes(), mesh: count });
     }
+    check_impedances(count, contact_impedance)
+}
+
+/// One finite impedance above zero per electrode.
+pub(crate) fn check_impedances(count: usize, contact_impedance: &[f64]) -> Result<(), FemError> {
     if contact_impedance.len() != count {
         return Err(FemError::WrongLength {
             what: "contact impedance (one per electrode)",

@@ -18,6 +18,7 @@
 
 use crate::fields::basis_field;
 use crate::forward::ForwardModel;
+use crate::geometry::Geometry;
 use ndarray::ArrayViewMut2;
 use std::ops::Range;
 
@@ -63,13 +64,14 @@ fn components(slot: u32) -> [Range<usize>; 2] {
 /// Fills `jacobian` [measurement, element] from potentials [unknown, solve].
 pub(crate) fn fill(
     model: &ForwardModel,
+    geometry: &Geometry,
     potentials: &[f64],
     block: &mut Block,
     mut jacobian: ArrayViewMut2<'_, f64>,
 ) {
-    for start in (0..model.elements.len()).step_by(BLOCK) {
-        let count = BLOCK.min(model.elements.len() - start);
-        gradients(model, potentials, start, count, &mut block.gradients);
+    for start in (0..model.elements()).step_by(BLOCK) {
+        let count = BLOCK.min(model.elements() - start);
+        gradients(model, (geometry, potentials), start, count, &mut block.gradients);
         combine(model, &mut block.gradients);
         for product in &model.fields.products {
             let [[fx, fy], [gx, gy]] = product.fields.map(|field| {
@@ -101,7 +103,7 @@ fn scale_into(factor: f64, values: &[f64], row: &mut [f64]) {
 /// Scaled gradients of the basis fields on one block.
 fn gradients(
     model: &ForwardModel,
-    potentials: &[f64],
+    (geometry, potentials): (&Geometry, &[f64]),
     start: usize,
     count: usize,
     out: &mut [f64],
@@ -109,7 +111,7 @@ fn gradients(
     let solves = model.fields.basis.nrows();
     let row = |unknown: u32| &potentials[unknown as usize * solves..][..solves];
     for i in 0..count {
-        let element = model.elements[start + i];
+        let element = geometry.elements[start + i];
         let [u0, u1, u2] = model.triangles[start + i].map(row);
         for r in 0..solves {
             let [x, y] = element.gradient([u0[r], u1[r], u2[r]]);

@@ -5,8 +5,11 @@ mod assembly;
 mod electrode_model;
 mod element;
 mod error;
+#[cfg(feature = "fabric")]
+pub mod fabric;
 mod fields;
 mod forward;
+mod geometry;
 mod jacobian;
 mod protocol;
 mod solution;
@@ -15,6 +18,7 @@ mod workspace;
 
 pub use error::FemError;
 pub use forward::{ForwardModel, ModelCost};
+pub use geometry::Geometry;
 pub use protocol::{DrivenElectrodes, Order, PairPattern, PairProtocol, Protocol};
 pub use solution::{Solution, SolveReport};
 pub use workspace::Workspace;

@@ -8,6 +8,7 @@
 //! [`Solution::measurements_into`] and [`Solution::jacobian_into`] allocate nothing of their own.
 
 use crate::forward::ForwardModel;
+use crate::geometry::Geometry;
 use crate::{FemError, Workspace, jacobian};
 use ndarray::{Array1, Array2, ArrayViewMut2};
 use std::time::{Duration, Instant};
@@ -16,6 +17,7 @@ use std::time::{Duration, Instant};
 #[derive(Debug)]
 pub struct Solution<'a> {
     model: &'a ForwardModel,
+    geometry: &'a Geometry,
     workspace: &'a mut Workspace,
     fields_solved: bool,
     backward_error: Option<f64>,
@@ -47,12 +49,13 @@ impl<'a> Solution<'a> {
     /// Assembles and factorises for a conductivity that has been checked.
     pub(crate) fn new(
         model: &'a ForwardModel,
+        geometry: &'a Geometry,
         conductivity_s: &[f64],
         workspace: &'a mut Workspace,
     ) -> Result<Self, FemError> {
         let start = Instant::now();
         workspace.check(model)?;
-        model.assembly.fill(conductivity_s, &mut workspace.factor.values);
+        model.assembly.fill(geometry, conductivity_s, &mut workspace.factor.values);
         model.solver.factorise(&model.assembly, &mut workspace.factor)?;
         workspace.transfer.fill(0.0);
         workspace.transfer.diagonal_mut().column_vector_mut().fill(1.0);
@@ -60,7 +63,7 @@ impl<'a> Solution<'a> {
         workspace.fill_electrode_potentials(&model.patterns);
         workspace.check_potentials()?;
         let time = start.elapsed();
-        Ok(Self { model, workspace, fields_solved: false, backward_error: None, time })
+        Ok(Self { model, geometry, workspace, fields_solved: false, backward_error: None, time })
     }
 
     /// Voltages in protocol order, volt.
@@ -127,7 +130,7 @@ impl<'a> Solution<'a> {
     /// `-area grad u_stimulation . grad u_measurement` with the adjoint field of the measurement
     /// pattern driven by one ampere (Geselowitz 1971; Polydorides and Lionheart 2002).
     pub fn jacobian(&mut self) -> Array2<f64> {
-        let shape = (self.model.protocol().measurements(), self.model.elements.len());
+        let shape = (self.model.protocol().measurements(), self.model.elements());
         let mut jacobian = Array2::zeros(shape);
         self.fill_jacobian(jacobian.view_mut());
         jacobian
@@ -141,7 +144,7 @@ impl<'a> Solution<'a> {
         let model = self.model;
         let checks = [
             ("rows of the Jacobian", jacobian.nrows(), model.protocol().measurements()),
-            ("columns of the Jacobian", jacobian.ncols(), model.elements.len()),
+            ("columns of the Jacobian", jacobian.ncols(), model.elements()),
         ];
         for (what, found, wanted) in checks {
             if found != wanted {
@@ -155,7 +158,7 @@ impl<'a> Solution<'a> {
     fn fill_jacobian(&mut self, jacobian: ArrayViewMut2<'_, f64>) {
         self.solve_fields();
         let Workspace { potentials, block, .. } = &mut *self.workspace;
-        jacobian::fill(self.model, potentials, block, jacobian);
+        jacobian::fill(self.model, self.geometry, potentials, block, jacobian);
     }
 
     /// How the solve went. The first call solves the fields, if nothing has needed them yet, and

@@ -7,6 +7,7 @@ pub(crate) mod mesh;
 pub(crate) mod plan;
 pub(crate) mod reconstruct;
 pub(crate) mod report;
+pub(crate) mod simulate;
 
 use crate::error::CliError;
 use crate::pipeline;

@@ -11,11 +11,13 @@ mod reconstruction;
 
 pub(crate) use build::SceneMesh;
 pub(crate) use builtin::NAMES as BUILT_IN;
+pub(crate) use parse::from_toml;
 pub(crate) use reconstruction::{
     Delta, DeltaRule, DifferenceKind, Hyperparameter, PriorKind, Reconstruction, Rule,
 };
 
 use crate::error::CliError;
+use eit_fem::fabric::FabricSettings;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -43,6 +45,8 @@ pub(crate) struct Scene {
     /// Noise of the instrument.
     #[serde(default)]
     pub noise: Noise,
+    /// The simulated fabric of `eit simulate`.
+    pub fabric: Option<FabricSettings>,
     /// U-net; not in this version.
     pub denoise: Option<toml::Table>,
     /// Live instrument; not in this version.

@@ -2,9 +2,15 @@
 
 use super::Scene;
 use crate::error::CliError;
+use serde::de::DeserializeOwned;
 
 /// Parses a scene; `place` is the file or built-in name for messages.
 pub(super) fn parse(text: &str, place: &str) -> Result<Scene, CliError> {
+    from_toml(text, place)
+}
+
+/// Parses any settings of this kind.
+pub(crate) fn from_toml<T: DeserializeOwned>(text: &str, place: &str) -> Result<T, CliError> {
     toml::from_str(text).map_err(|error| {
         let line = error.span().map(|span| 1 + text[..span.start].matches('\n').count());
         let at = line.map_or_else(String::new, |l| format!("line {l}: "));

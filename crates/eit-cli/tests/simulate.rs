@@ -1,0 +1,106 @@
+//! `eit simulate`: its files, and that they reconstruct.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
+
+mod common;
+
+use common::{SMALL, refuse, succeed, text, write_scene};
+use ndarray::{Array2, Array3};
+use serde_json::Value;
+
+const FAST: [&str; 4] = ["--nodes", "1500", "--frames", "40"];
+
+/// Simulate, then reconstruct from the files alone: the finger is found where the truth has it. The
+/// rim is rigid: the artefacts of moving electrodes are brighter than the finger.
+#[test]
+fn simulated_frames_reconstruct_from_their_own_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("touched");
+    let scene = succeed(&["plan", "paper-disc", "--print-scene"]);
+    let rigid = "\n[fabric.rim]\ncompliance = 0.0\ncontact_gain = 0.0\n";
+    let scene = write_scene(folder.path(), &format!("{scene}{rigid}"));
+    let arguments = ["simulate", text(&scene), "--out", text(&out), "--json"];
+    let answer = succeed(&[&arguments[..], &FAST[..]].concat());
+    let json: Value = serde_json::from_str(&answer).unwrap();
+    assert_eq!(json["frames"], 40);
+    for name in json["files"].as_array().unwrap() {
+        assert!(out.join(name.as_str().unwrap()).metadata().unwrap().len() > 0, "{name}");
+    }
+    let frames: Array2<f64> = ndarray_npy::read_npy(out.join("frames.npy")).unwrap();
+    assert_eq!(frames.dim(), (40, 208));
+    let truth: Array3<f64> = ndarray_npy::read_npy(out.join("truth_conductivity.npy")).unwrap();
+    assert_eq!(truth.dim(), (40, 64, 64));
+
+    let images = folder.path().join("images");
+    let scene = out.join("scene.toml");
+    succeed(&["reconstruct", text(&scene), "--method", "gauss-newton", "--out", text(&images)]);
+    let images: Array3<f64> = ndarray_npy::read_npy(images.join("images.npy")).unwrap();
+    let brightest = |images: &Array3<f64>| {
+        let image = images.index_axis(ndarray::Axis(0), 35);
+        let values = image.indexed_iter().filter(|(_, v)| v.is_finite());
+        let ((row, column), _) = values.max_by(|a, b| a.1.total_cmp(b.1)).unwrap();
+        [row as f64, column as f64]
+    };
+    let ([r, c], [i, j]) = (brightest(&truth), brightest(&images));
+    // one-step images place a finger near the rim up to a tenth of the radius, three pixels, out
+    assert!((r - i).hypot(c - j) < 5.0, "truth ({r}, {c}), image ({i}, {j})");
+}
+
+/// The script that was run, run again from its file, gives the same frames.
+#[test]
+fn scripts_round_trip_through_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = write_scene(folder.path(), &format!("{SMALL}\n[fabric.weave]\namplitude = 0.1\n"));
+    let run = |script: &str, name: &str| {
+        let out = folder.path().join(name);
+        let arguments =
+            ["simulate", text(&scene), "--script", script, "--seed", "7", "--out", text(&out)];
+        succeed(&[&arguments[..], &FAST[..]].concat());
+        out
+    };
+    let first = run("random", "first");
+    let again = run(text(&first.join("script.toml")), "again");
+    for name in ["frames.npy", "touches.csv", "script.toml"] {
+        let [a, b] = [&first, &again].map(|f| std::fs::read(f.join(name)).unwrap());
+        assert!(a == b, "{name}");
+    }
+    let threads = folder.path().join("two.npy");
+    let script = first.join("script.toml");
+    let arguments = ["simulate", text(&scene), "--script", text(&script), "--seed", "7"];
+    let more = ["--threads", "2", "--out", text(&threads)];
+    succeed(&[&arguments[..], &FAST[..], &more[..]].concat());
+    assert!(std::fs::read(&threads).unwrap() == std::fs::read(first.join("frames.npy")).unwrap());
+}
+
+#[test]
+fn bad_scripts_and_settings_are_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let run = |scene: &str, script: &str| {
+        refuse(&["simulate", scene, "--script", script, "--nodes", "1200", "--out", text(&out)])
+    };
+    assert!(run("paper-disc", "dance").contains("known are paper-one-finger"));
+    let script = |text: &str| {
+        let path = folder.path().join("s.toml");
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    let head = "frame_rate_hz = 10.0\nframes = 30\n[[finger]]\nid = 1\n";
+    let key = |time: f64, x: f64, force: f64| {
+        format!(
+            "[[finger.key]]\ntime_s = {time:?}\nposition_m = [{x:?}, 0.0]\nforce_n = {force:?}\n\
+             radius_m = 0.01\n"
+        )
+    };
+    let bad = script(&format!("{head}{}", key(1.0, 0.3, 1.0)));
+    assert!(run("paper-disc", text(&bad)).contains("finger 1, at key 0, 1 s: (0.3, 0) m"));
+    let bad = script(&format!("{head}{}", key(1.0, 0.0, -1.0)));
+    assert!(run("paper-disc", text(&bad)).contains("key 0: force_n is -1"));
+    let bad = script(&format!("{head}{}{}", key(1.0, 0.0, 1.0), key(1.0, 0.0, 1.0)));
+    assert!(run("paper-disc", text(&bad)).contains("is not after"));
+    let bad = script(&format!("{head}speed = 3\n{}", key(1.0, 0.0, 1.0)));
+    assert!(run("paper-disc", text(&bad)).contains("unknown key \"speed\""));
+    let scene = write_scene(folder.path(), &format!("{SMALL}\n[fabric.rim]\ncompliance = 2.0\n"));
+    assert!(run(text(&scene), "random").contains("fabric.rim.compliance is 2"));
+    let scene = write_scene(folder.path(), &format!("{SMALL}\n[fabric.rim]\ncomplianc = 0.2\n"));
+    assert!(run(text(&scene), "random").contains("did you mean \"compliance\""));
+}

@@ -1,0 +1,103 @@
+//! From exact voltages to what an instrument writes down.
+//!
+//! In order: a source that gives up limits the current; each channel has its gain and its noise;
+//! the converter rounds and clips. A part of zero amplitude is not computed.
+
+use super::random::{Purpose, Random};
+use super::settings::Instrument;
+use super::truth::TrueQuality;
+use crate::Protocol;
+
+/// The channels of one instrument.
+#[derive(Debug)]
+pub(super) struct Channels {
+    settings: Instrument,
+    seed: u64,
+    /// Per measurement.
+    gains: Option<Vec<f64>>,
+    noise_v: Option<Vec<f64>>,
+    /// Step and range of the converter, volt.
+    converter: Option<[f64; 2]>,
+}
+
+impl Channels {
+    /// `reference_v`: exact voltages of the untouched skin, which set the range.
+    pub fn new(settings: &Instrument, protocol: &Protocol, reference_v: &[f64], seed: u64) -> Self {
+        let patterns = protocol.measurement_patterns().nrows();
+        let per_channel = |purpose, sample: &dyn Fn(&mut Random) -> f64| -> Vec<f64> {
+            let mut random = Random::new(seed, purpose, 0);
+            let channels: Vec<f64> = (0..patterns).map(|_| sample(&mut random)).collect();
+            protocol.data().iter().map(|datum| channels[datum[1] as usize]).collect()
+        };
+        let [low, high] = settings.noise_v;
+        let gain = |random: &mut Random| 1.0 + settings.gain_error * random.normal();
+        let largest = reference_v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let range_v = settings.range_v.unwrap_or(1.25 * largest);
+        Self {
+            gains: (settings.gain_error > 0.0).then(|| per_channel(Purpose::Gain, &gain)),
+            noise_v: (high > 0.0)
+                .then(|| per_channel(Purpose::NoiseLevel, &|random| random.between(low, high))),
+            converter: (settings.bits > 0)
+                .then(|| [range_v / 2_f64.powi(settings.bits as i32 - 1), range_v]),
+            settings: settings.clone(),
+            seed,
+        }
+    }
+
+    /// Standard deviation of each measurement's noise, volt: additive, and of rounding
+    /// (`step / sqrt(12)`).
+    pub fn noise_std_v(&self, measurements: usize) -> Vec<f64> {
+        let rounding = self.converter.map_or(0.0, |[step, _]| step * step / 12.0);
+        let additive = |k: usize| self.noise_v.as_ref().map_or(0.0, |noise| noise[k].powi(2));
+        (0..measurements).map(|k| (additive(k) + rounding).sqrt()).collect()
+    }
+
+    /// Range of the converter, volt.
+    pub fn range_v(&self) -> Option<f64> {
+        self.converter.map(|c| c[1])
+    }
+
+    /// Turns exact voltages of a frame into measured ones, and marks what was clipped.
+    pub fn measure(&self, frame: usize, values_v: &mut [f64], quality: &mut [TrueQuality]) {
+        if let Some(gains) = &self.gains {
+            values_v.iter_mut().zip(gains).for_each(|(v, gain)| *v *= gain);
+        }
+        if let Some(noise_v) = &self.noise_v {
+            let mut random = Random::new(self.seed, Purpose::Noise, frame);
+            values_v.iter_mut().zip(noise_v).for_each(|(v, std)| *v += std * random.normal());
+        }
+        let Some([step, _]) = self.converter else { return };
+        let most = 2_f64.powi(self.settings.bits as i32 - 1);
+        for (v, quality) in values_v.iter_mut().zip(quality) {
+            let code = (*v / step).round();
+            let clipped = code.clamp(-most, most - 1.0);
+            if clipped != code {
+                *quality = (*quality).max(TrueQuality::Saturated);
+            }
+            *v = step * clipped;
+        }
+    }
+}
+
+/// Which loose contacts are open in which frame: an alternating process that starts closed.
+pub(super) fn open_contacts(
+    settings: &Instrument,
+    (frames, rate_hz): (usize, f64),
+    electrodes: usize,
+    seed: u64,
+) -> Vec<Vec<bool>> {
+    let mut open = vec![vec![false; electrodes]; frames];
+    for &number in settings.loose.iter().filter(|_| settings.loose_rate_hz > 0.0) {
+        let mut random = Random::new(seed, Purpose::Loose, number);
+        // waiting times of a Poisson process
+        let mut wait = |mean_s: f64| -mean_s * (-random.between(0.0, 1.0)).ln_1p();
+        let mut now_s = wait(1.0 / settings.loose_rate_hz);
+        while now_s * rate_hz < frames as f64 {
+            let until_s = now_s + wait(settings.loose_time_s);
+            let [from, to] = [now_s, until_s].map(|t| (t * rate_hz).ceil() as usize);
+            open[from.min(frames)..to.min(frames)].iter_mut().for_each(|f| f[number - 1] = true);
+            now_s = until_s + wait(1.0 / settings.loose_rate_hz);
+        }
+    }
+    open
+}

@@ -1,0 +1,195 @@
+//! Touch scripts that come with the crate, fitted into the largest circle of a skin.
+
+use super::contact::Tip;
+use super::random::{Purpose, Random};
+use super::script::{Finger, Interpolation, Key, TouchScript};
+use crate::FemError;
+use eit_mesh::Mesh;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// Frames a second; the paper states none.
+const RATE_HZ: f64 = 10.0;
+/// Frames before the first touch: enough to measure noise to 10 %.
+const QUIET: usize = 20;
+/// Force of a finger that touches without pressing hard, newton.
+const FORCE_N: f64 = 1.5;
+/// Time to press and to lift, seconds.
+const PRESS_S: f64 = 0.3;
+
+/// The largest circle around the middle of a skin that meets no rim.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlayCircle {
+    /// Centroid of the skin's area, metres.
+    pub centre_m: [f64; 2],
+    /// Its distance from the rim, metres.
+    pub radius_m: f64,
+}
+
+impl PlayCircle {
+    /// Of a mesh, seen from +z. For a skin with its centroid in a hole, write scripts by hand.
+    pub fn of(mesh: &Mesh) -> Self {
+        let surface = mesh.surface();
+        let areas = surface.areas_m2();
+        let total: f64 = areas.iter().sum();
+        let moment = |i: usize| {
+            surface.centroids().iter().zip(areas).map(|(c, a)| c[i] * a).sum::<f64>() / total
+        };
+        let centre_m = [moment(0), moment(1)];
+        let distance = |edge: &[u32; 2]| {
+            let [a, b] = edge.map(|n| surface.nodes()[n as usize]);
+            super::motion::segment_distance_m([centre_m[0], centre_m[1], 0.0], a, b)
+        };
+        let radius_m = surface.rim_edges().iter().map(distance).fold(f64::INFINITY, f64::min);
+        Self { centre_m, radius_m }
+    }
+
+    /// A place at a part of the radius and an angle, radians counter-clockwise from +x.
+    fn at(&self, part: f64, angle: f64) -> [f64; 2] {
+        let r = part * self.radius_m;
+        [self.centre_m[0] + r * angle.cos(), self.centre_m[1] + r * angle.sin()]
+    }
+
+    /// A fingertip, and a smaller one on skins where it would cover too much.
+    fn tip_m(&self) -> f64 {
+        0.01_f64.min(0.15 * self.radius_m)
+    }
+}
+
+/// A finger that presses, goes along places and lifts.
+fn along(id: u32, circle: &PlayCircle, start_s: f64, end_s: f64, places: &[[f64; 2]]) -> Finger {
+    let radius_m = circle.tip_m();
+    let key = |time_s, position_m, force_n| Key { time_s, position_m, force_n, radius_m };
+    let last = places.len() - 1;
+    let span_s = end_s - start_s - 2.0 * PRESS_S;
+    let mut keys = vec![key(start_s, places[0], 0.0)];
+    for (k, place) in places.iter().enumerate() {
+        let part = k as f64 / last.max(1) as f64;
+        keys.push(key(start_s + PRESS_S + part * span_s, *place, FORCE_N));
+    }
+    keys.push(key(end_s, places[last], 0.0));
+    Finger { id, tip: Tip::Round, interpolation: Interpolation::Linear, keys }
+}
+
+/// A finger that presses several times.
+fn taps(id: u32, radius_m: f64, start_s: f64, period_s: f64, places: &[([f64; 2], f64)]) -> Finger {
+    let mut keys = Vec::new();
+    for (k, &(position_m, force_n)) in places.iter().enumerate() {
+        let from = start_s + k as f64 * period_s;
+        for (part, force_n) in [(0.0, 0.0), (0.3, force_n), (0.5, force_n), (0.8, 0.0)] {
+            keys.push(Key { time_s: from + part * period_s, position_m, force_n, radius_m });
+        }
+    }
+    Finger { id, tip: Tip::Round, interpolation: Interpolation::Smooth, keys }
+}
+
+impl TouchScript {
+    /// Names of the built-in scripts. The first two are the experiments of Duan, Taurand and
+    /// Soleimani (Sci. Rep. 9:8831, 2019).
+    pub const BUILT_IN: [&str; 7] = [
+        "paper-one-finger",
+        "paper-two-fingers",
+        "random",
+        "press-and-hold",
+        "tapping",
+        "stroking",
+        "closing-in",
+    ];
+
+    /// A built-in script; only "random" uses the seed.
+    ///
+    /// # Errors
+    /// [`FemError::UnknownScript`].
+    pub fn built_in(name: &str, circle: &PlayCircle, seed: u64) -> Result<Self, FemError> {
+        let start_s = QUIET as f64 / RATE_HZ;
+        let (frames, fingers) = match name {
+            "paper-one-finger" => (397, vec![paper_one(circle, start_s, 397)]),
+            "paper-two-fingers" => (252, paper_two(circle, start_s, 252)),
+            "random" => (300, random(circle, start_s, 300, seed)),
+            "press-and-hold" => {
+                let place = circle.at(0.4, 0.0);
+                (150, vec![along(1, circle, start_s, 9.0, &[place, place])])
+            }
+            "tapping" => {
+                let tap = |k: usize| (circle.at(0.5, k as f64 * 2.4), 0.4 + 0.2 * k as f64);
+                let places: Vec<_> = (0..8).map(tap).collect();
+                (150, vec![taps(1, circle.tip_m(), start_s, 1.5, &places)])
+            }
+            "stroking" => {
+                let ends = [circle.at(0.7, PI), circle.at(0.7, 0.0)];
+                let places = [ends[0], ends[1], ends[0], ends[1]];
+                (150, vec![along(1, circle, start_s, 14.0, &places)])
+            }
+            "closing-in" => (200, closing_in(circle, start_s, 19.0)),
+            _ => {
+                let known = Self::BUILT_IN.join(", ");
+                return Err(FemError::UnknownScript { name: name.to_owned(), known });
+            }
+        };
+        let name = name.to_owned();
+        Ok(Self { name, frame_rate_hz: RATE_HZ, frames, quiet_frames: QUIET, fingers })
+    }
+}
+
+/// Anticlockwise near the rim from the top for one turn, then to the centre.
+fn paper_one(circle: &PlayCircle, start_s: f64, frames: usize) -> Finger {
+    // steps of 5 degrees; the way to the centre at the same speed
+    let turn = (0..=72).map(|k| circle.at(0.8, FRAC_PI_2 + TAU * f64::from(k) / 72.0));
+    let home = (1..=12).map(|k| circle.at(0.8 * (1.0 - f64::from(k) / 12.0), FRAC_PI_2));
+    let places: Vec<[f64; 2]> = turn.chain(home).collect();
+    along(1, circle, start_s, (frames - 5) as f64 / RATE_HZ, &places)
+}
+
+/// Two fingers opposite each other, clockwise for one turn.
+fn paper_two(circle: &PlayCircle, start_s: f64, frames: usize) -> Vec<Finger> {
+    let finger = |id: u32, first: f64| {
+        let places: Vec<[f64; 2]> =
+            (0..=72).map(|k| circle.at(0.6, first - TAU * f64::from(k) / 72.0)).collect();
+        along(id, circle, start_s, (frames - 5) as f64 / RATE_HZ, &places)
+    };
+    vec![finger(1, PI), finger(2, 0.0)]
+}
+
+/// Two fingers that come as near as two fingertips can, wait and part.
+fn closing_in(circle: &PlayCircle, start_s: f64, end_s: f64) -> Vec<Finger> {
+    let near = 1.2 * circle.tip_m() / circle.radius_m;
+    let finger = |id: u32, angle: f64| {
+        let places = [0.6, near, near, 0.6].map(|part| circle.at(part, angle));
+        along(id, circle, start_s, end_s, &places)
+    };
+    vec![finger(1, PI), finger(2, 0.0)]
+}
+
+/// Three fingers that come and go, each in a third of the circle, so that they never meet.
+fn random(circle: &PlayCircle, start_s: f64, frames: usize, seed: u64) -> Vec<Finger> {
+    let end_s = (frames - 5) as f64 / RATE_HZ;
+    let turn = Random::new(seed, Purpose::Script, 0).between(0.0, TAU);
+    let finger = |id: u32| {
+        let mut random = Random::new(seed, Purpose::Script, id as usize);
+        let middle = turn + TAU * f64::from(id) / 3.0;
+        let mut place =
+            || circle.at(random.between(0.35, 0.75), middle + random.between(-0.7, 0.7));
+        let places: Vec<[f64; 2]> = (0..16).map(|_| place()).collect();
+        let mut keys = Vec::new();
+        let mut now_s = start_s + random.between(0.0, 3.0);
+        for pair in places.chunks_exact(2) {
+            let (stay_s, force_n) = (random.between(1.0, 4.0), random.between(0.5, 2.0));
+            if now_s + stay_s + 2.0 * PRESS_S > end_s {
+                break;
+            }
+            let radius_m = circle.tip_m() * random.between(0.8, 1.2);
+            let times = [0.0, PRESS_S, PRESS_S + stay_s, 2.0 * PRESS_S + stay_s];
+            for (k, time_s) in times.into_iter().enumerate() {
+                let force_n = if k == 1 || k == 2 { force_n } else { 0.0 };
+                keys.push(Key {
+                    time_s: now_s + time_s,
+                    position_m: pair[k / 2],
+                    force_n,
+                    radius_m,
+                });
+            }
+            now_s += times[3] + random.between(0.3, 2.0);
+        }
+        Finger { id, tip: Tip::Round, interpolation: Interpolation::Linear, keys }
+    };
+    (1..=3).map(finger).collect()
+}

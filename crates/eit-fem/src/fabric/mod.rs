@@ -1,0 +1,57 @@
+//! The simulated fabric: frames of a touched skin, with the truth beside them.
+//!
+//! A [`TouchScript`] moves fingers over a skin. Each touch dents the stretched fabric
+//! ([`Indentation`]: membrane on a soft layer, closed form); pressure and strain change the sheet
+//! conductivity with hysteresis and relaxation ([`PiezoLaw`]); the dent draws nodes and electrodes
+//! towards it and changes their contacts, which is what the artefacts of real skins come from; the
+//! fabric is uneven and drifts; an instrument with noise, gain errors, a converter and bad contacts
+//! measures. Every frame is a full non-linear solve on the deformed mesh. Model, parameters and
+//! sources: `docs/FABRIC.md`.
+//!
+//! Simulate on a finer mesh than the one that reconstructs.
+//!
+//! The skin must be flat (z = 0). Frames are the same bytes for any number of threads; a part whose
+//! amplitude is zero is not computed and changes nothing else. Script times between frames are not
+//! seen: a tap shorter than a frame may be missed, as an instrument would.
+//!
+//! # Example
+//! ```
+//! use eit_fem::fabric::{Fabric, FabricSettings, PlayCircle, SimulationSettings, TouchScript};
+//! use eit_fem::PairProtocol;
+//! use eit_mesh::{MeshSettings, Raster, RimElectrodes, SkinShape, generate};
+//!
+//! let skin = SkinShape::Disc { radius_m: 0.1 };
+//! let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
+//! let mesh = generate(&skin, &electrodes, &MeshSettings::with_edge(0.01))?;
+//! let protocol = PairProtocol::default().protocol()?;
+//! let fabric = Fabric::new(&mesh, &protocol, 1e-5, &[1e3; 16], &FabricSettings::default())?;
+//! let mut script = TouchScript::built_in("paper-one-finger", &PlayCircle::of(&mesh), 1)?;
+//! script.frames = 30;
+//! let raster = Raster::new(mesh.surface(), 32)?;
+//! let made = fabric.simulate(&script, &raster, &SimulationSettings::default(), &mut |_| {})?;
+//! assert_eq!(made.frames_v.dim(), (30, 208));
+//! // 20 quiet frames come first
+//! assert!(made.truth.touches.iter().all(|touch| touch.frame >= 20));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod bessel;
+mod conductivity;
+mod contact;
+mod instrument;
+mod library;
+mod motion;
+mod piezo;
+mod random;
+mod script;
+mod settings;
+mod simulate;
+mod truth;
+
+pub use contact::{Dent, Indentation, Tip};
+pub use library::PlayCircle;
+pub use piezo::PiezoLaw;
+pub use script::{Finger, Interpolation, Key, Touch, TouchScript};
+pub use settings::{Drift, FabricSettings, Instrument, Membrane, Piezoresistance, Rim, Weave};
+pub use simulate::{Fabric, SimulationSettings};
+pub use truth::{Simulation, SimulationReport, TrueQuality, TrueTouch, Truth};

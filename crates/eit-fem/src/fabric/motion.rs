@@ -1,0 +1,176 @@
+//! How touches move the nodes of the mesh and change the electrodes' contacts.
+//!
+//! The displacement of the free fabric, in the plane and downwards, is held back near the rim by
+//! its stiffness: with the distance `D` to the rim and the membrane's length `l`, a node moves by
+//!
+//! ```text
+//! (1 - (1 - compliance) exp(-D / l)) times the sum over touches of (u(r) away from it, -w(r))
+//! ```
+//!
+//! so that the rim itself follows by `compliance`. A fabric that is pulled down beside an electrode
+//! presses on it: `ln(z / z_0) = -contact_gain w / l` with the free deflection there.
+
+//!
+//! A moving finger drags the fabric along by friction `mu F`. An elastic sheet of stiffness `Y` moves
+//! around a force in its plane by (Kelvin's solution in plane stress, the part that is the same in
+//! all directions; Love, A Treatise on the Mathematical Theory of Elasticity, section 148)
+//!
+//! ```text
+//! mu F (1 + nu)(3 - nu) / (4 pi Y) ln(L / max(r, a)),   none beyond r = L
+//! ```
+//!
+//! along the movement, with the contact's radius `a`; `L`, half of the skin's longer side, is where
+//! the rim holds it.
+
+use super::contact::Indentation;
+use super::settings::{FabricSettings, Rim};
+use eit_mesh::{Electrode, Mesh};
+
+/// A dent and where it is, metres.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Placed {
+    pub position_m: [f64; 2],
+    pub dent: Indentation,
+    /// Displacement by friction where the logarithm is one, metres.
+    pub drag_m: [f64; 2],
+}
+
+/// What does not change over the frames.
+#[derive(Debug)]
+pub(super) struct Motion {
+    rim: Rim,
+    length_m: f64,
+    moves: bool,
+    /// Half of the skin's longer side.
+    half_m: f64,
+    nodes_m: Vec<[f64; 3]>,
+    /// Part of the free displacement that each node makes.
+    follows: Vec<f64>,
+    /// Nodes of each electrode with weights of sum one.
+    electrodes: Vec<Vec<(u32, f64)>>,
+}
+
+impl Motion {
+    pub fn new(mesh: &Mesh, settings: &FabricSettings) -> Self {
+        let surface = mesh.surface();
+        let nodes_m = surface.nodes().to_vec();
+        let membrane = &settings.membrane;
+        let length_m = (membrane.tension_n_per_m / membrane.foundation_pa_per_m).sqrt();
+        let rim: Vec<[[f64; 3]; 2]> =
+            surface.rim_edges().iter().map(|e| e.map(|n| nodes_m[n as usize])).collect();
+        let follows = |p: &[f64; 3]| {
+            let distance = |[a, b]: &[[f64; 3]; 2]| segment_distance_m(*p, *a, *b);
+            let nearest = rim.iter().map(distance).fold(f64::INFINITY, f64::min);
+            1.0 - (1.0 - settings.rim.compliance) * (-nearest / length_m).exp()
+        };
+        Self {
+            rim: settings.rim,
+            length_m,
+            moves: membrane.moves_nodes,
+            half_m: {
+                let [low, high] = surface.bounds_m();
+                0.5 * (high[0] - low[0]).max(high[1] - low[1])
+            },
+            follows: nodes_m.iter().map(follows).collect(),
+            electrodes: mesh.electrodes().iter().map(|e| weights(mesh, e)).collect(),
+            nodes_m,
+        }
+    }
+
+    /// Whether anything moves or changes at all.
+    pub fn moves(&self) -> bool {
+        self.moves
+    }
+
+    /// Node positions under touches, metres.
+    pub fn nodes_into(&self, touches: &[Placed], nodes_m: &mut [[f64; 3]]) {
+        let places = self.nodes_m.iter().zip(&self.follows);
+        for (moved, (place, follows)) in nodes_m.iter_mut().zip(places) {
+            *moved = *place;
+            for touch in touches {
+                let (dx, dy) = (place[0] - touch.position_m[0], place[1] - touch.position_m[1]);
+                let r = dx.hypot(dy);
+                let dent = touch.dent.at(r);
+                let outward = if r > 0.0 { dent.displacement_m / r } else { 0.0 };
+                let near = r.max(touch.dent.contact_radius_m);
+                let dragged = (self.half_m / near).ln().max(0.0);
+                moved[0] += follows * (outward * dx + dragged * touch.drag_m[0]);
+                moved[1] += follows * (outward * dy + dragged * touch.drag_m[1]);
+                moved[2] -= follows * dent.deflection_m;
+            }
+        }
+    }
+
+    /// Mean displacement of each electrode, metres.
+    pub fn shifts_into(&self, nodes_m: &[[f64; 3]], shifts_m: &mut [[f64; 3]]) {
+        for (shift, nodes) in shifts_m.iter_mut().zip(&self.electrodes) {
+            *shift = std::array::from_fn(|k| {
+                let part = |&(n, weight): &(u32, f64)| {
+                    weight * (nodes_m[n as usize][k] - self.nodes_m[n as usize][k])
+                };
+                nodes.iter().map(part).sum()
+            });
+        }
+    }
+
+    /// Change of ln(contact impedance) of each electrode, added to `logs`.
+    pub fn add_contacts(&self, touches: &[Placed], logs: &mut [f64]) {
+        if self.rim.contact_gain == 0.0 || touches.is_empty() {
+            return;
+        }
+        for (log, nodes) in logs.iter_mut().zip(&self.electrodes) {
+            for &(n, weight) in nodes {
+                let place = self.nodes_m[n as usize];
+                let deflection = |touch: &Placed| {
+                    let [x, y] = touch.position_m;
+                    touch.dent.at((place[0] - x).hypot(place[1] - y)).deflection_m
+                };
+                let deflection_m: f64 = touches.iter().map(deflection).sum();
+                *log -= self.rim.contact_gain * weight * deflection_m / self.length_m;
+            }
+        }
+    }
+}
+
+/// Nodes of an electrode, weighted by length or area.
+fn weights(mesh: &Mesh, electrode: &Electrode) -> Vec<(u32, f64)> {
+    let surface = mesh.surface();
+    let mut weights: Vec<(u32, f64)> = match electrode {
+        Electrode::Rim(edges) => {
+            let length = |e: &[u32; 2]| {
+                let [a, b] = e.map(|n| surface.nodes()[n as usize]);
+                segment_distance_m(a, b, b)
+            };
+            edges.iter().flat_map(|e| e.map(|n| (n, 0.5 * length(e)))).collect()
+        }
+        Electrode::Patch(triangles) => triangles
+            .iter()
+            .flat_map(|&t| {
+                let third = surface.areas_m2()[t as usize] / 3.0;
+                surface.triangles()[t as usize].map(|n| (n, third))
+            })
+            .collect(),
+    };
+    weights.sort_unstable_by_key(|w| w.0);
+    weights.dedup_by(|next, first| {
+        let same = next.0 == first.0;
+        if same {
+            first.1 += next.1;
+        }
+        same
+    });
+    let total: f64 = weights.iter().map(|w| w.1).sum();
+    weights.iter_mut().for_each(|w| w.1 /= total);
+    weights
+}
+
+/// Distance of a point from a segment, metres.
+pub(super) fn segment_distance_m(p: [f64; 3], a: [f64; 3], b: [f64; 3]) -> f64 {
+    let dot = |u: [f64; 3], v: [f64; 3]| (0..3).map(|k| u[k] * v[k]).sum::<f64>();
+    let sub = |u: [f64; 3], v: [f64; 3]| -> [f64; 3] { std::array::from_fn(|k| u[k] - v[k]) };
+    let (along, to) = (sub(b, a), sub(p, a));
+    let square = dot(along, along);
+    let s = if square > 0.0 { (dot(to, along) / square).clamp(0.0, 1.0) } else { 0.0 };
+    let off: [f64; 3] = std::array::from_fn(|k| to[k] - s * along[k]);
+    dot(off, off).sqrt()
+}

@@ -1,0 +1,240 @@
+//! What touches the skin, where, how hard and when.
+
+use super::contact::Tip;
+use crate::FemError;
+use eit_mesh::{Mesh, Surface};
+
+/// Fingers over time.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct TouchScript {
+    /// For titles.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub name: String,
+    /// Frames a second; frame `f` is at `f / frame_rate_hz` seconds.
+    pub frame_rate_hz: f64,
+    /// Number of frames.
+    pub frames: usize,
+    /// First frames without touch, for noise and reference; no key with a force may lie before
+    /// they end.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub quiet_frames: usize,
+    /// The fingers.
+    #[cfg_attr(feature = "serde", serde(default, rename = "finger"))]
+    pub fingers: Vec<Finger>,
+}
+
+/// One finger.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct Finger {
+    /// Its number in the truth.
+    pub id: u32,
+    /// Its shape.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub tip: Tip,
+    /// How keys are joined.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub interpolation: Interpolation,
+    /// Places in time, ascending. Before the first and after the last the finger is away.
+    #[cfg_attr(feature = "serde", serde(rename = "key"))]
+    pub keys: Vec<Key>,
+}
+
+/// How values run between two keys.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+pub enum Interpolation {
+    /// Straight.
+    #[default]
+    Linear,
+    /// `3 s^2 - 2 s^3`: at rest at every key.
+    Smooth,
+}
+
+/// A finger at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct Key {
+    /// Seconds from frame 0.
+    pub time_s: f64,
+    /// Middle, metres, on the skin.
+    pub position_m: [f64; 2],
+    /// Newton, at least zero; zero is no contact.
+    pub force_n: f64,
+    /// Metres, above zero; see [`Tip`].
+    pub radius_m: f64,
+}
+
+/// A finger in one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Touch {
+    /// The finger's number.
+    pub finger: u32,
+    /// Its shape.
+    pub tip: Tip,
+    /// Middle, metres.
+    pub position_m: [f64; 2],
+    /// Newton, above zero.
+    pub force_n: f64,
+    /// Metres; see [`Tip`].
+    pub radius_m: f64,
+    /// Unit vector of its movement since the frame before; zeros at rest.
+    pub direction: [f64; 2],
+}
+
+impl Finger {
+    /// At a time; `None` where it does not touch.
+    fn at(&self, time_s: f64) -> Option<Touch> {
+        let next = self.keys.iter().position(|k| k.time_s >= time_s)?;
+        let (from, to) = (&self.keys[next.saturating_sub(1)], &self.keys[next]);
+        if time_s < from.time_s {
+            return None;
+        }
+        let width_s = to.time_s - from.time_s;
+        let s = if width_s > 0.0 { (time_s - from.time_s) / width_s } else { 1.0 };
+        let s = match self.interpolation {
+            Interpolation::Linear => s,
+            Interpolation::Smooth => s * s * (3.0 - 2.0 * s),
+        };
+        let mix = |a: f64, b: f64| if s == 1.0 { b } else { a + s * (b - a) };
+        let touch = Touch {
+            finger: self.id,
+            tip: self.tip,
+            position_m: [0, 1].map(|i| mix(from.position_m[i], to.position_m[i])),
+            force_n: mix(from.force_n, to.force_n),
+            radius_m: mix(from.radius_m, to.radius_m),
+            direction: [0.0; 2],
+        };
+        (touch.force_n > 0.0).then_some(touch)
+    }
+}
+
+impl TouchScript {
+    /// The fingers that touch in a frame.
+    pub fn touches(&self, frame: usize) -> Vec<Touch> {
+        let time_s = |frame: usize| frame as f64 / self.frame_rate_hz;
+        let before = |finger: &Finger| finger.at(time_s(frame.checked_sub(1)?));
+        let now = |finger: &Finger| {
+            let mut touch = finger.at(time_s(frame))?;
+            if let Some(before) = before(finger) {
+                let [x, y] = [0, 1].map(|k| touch.position_m[k] - before.position_m[k]);
+                let step_m = x.hypot(y);
+                // less than a micrometre is rounding of a finger at rest
+                if step_m > 1e-6 {
+                    touch.direction = [x / step_m, y / step_m];
+                }
+            }
+            Some(touch)
+        };
+        self.fingers.iter().filter_map(now).collect()
+    }
+
+    /// Refuses what cannot be on this skin, before any work.
+    ///
+    /// # Errors
+    /// [`FemError::BadTouch`], [`FemError::UnsortedKeys`], [`FemError::OutsideSkin`],
+    /// [`FemError::OutOfRange`]: each names finger and key, or the time between keys.
+    pub fn validate(&self, mesh: &Mesh) -> Result<(), FemError> {
+        let rate = self.frame_rate_hz;
+        if !(rate.is_finite() && rate > 0.0) {
+            let (quantity, must) = ("frame_rate_hz", "finite and above zero");
+            return Err(FemError::OutOfRange { quantity, value: rate, must });
+        }
+        if self.frames == 0 || self.frames <= self.quiet_frames {
+            let (quantity, must) = ("frames", "more than quiet_frames");
+            return Err(FemError::OutOfRange { quantity, value: self.frames as f64, must });
+        }
+        for finger in &self.fingers {
+            self.check_keys(finger)?;
+        }
+        let place = Place::new(mesh.surface());
+        for finger in &self.fingers {
+            for (k, key) in finger.keys.iter().enumerate() {
+                place.check(finger.id, Some(k), key.time_s, key.position_m)?;
+            }
+        }
+        // straight ways between keys may leave a skin that is not convex
+        for frame in 0..self.frames {
+            for touch in self.touches(frame) {
+                let time_s = frame as f64 / rate;
+                place.check(touch.finger, None, time_s, touch.position_m)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn check_keys(&self, finger: &Finger) -> Result<(), FemError> {
+        let quiet_s = self.quiet_frames as f64 / self.frame_rate_hz;
+        for (k, key) in finger.keys.iter().enumerate() {
+            let [x, y] = key.position_m;
+            let early = key.force_n > 0.0 && key.time_s < quiet_s;
+            let checks = [
+                ("time_s", key.time_s, key.time_s.is_finite(), "finite"),
+                ("position_m[0]", x, x.is_finite(), "finite"),
+                ("position_m[1]", y, y.is_finite(), "finite"),
+                ("force_n", key.force_n, key.force_n >= 0.0, "at least zero"),
+                ("force_n", key.force_n, key.force_n.is_finite(), "finite"),
+                ("radius_m", key.radius_m, key.radius_m > 0.0, "above zero"),
+                ("radius_m", key.radius_m, key.radius_m.is_finite(), "finite"),
+                ("time_s", key.time_s, !early, "after the quiet frames, since the finger presses"),
+            ];
+            if let Some(&(quantity, value, _, must)) = checks.iter().find(|c| !c.2) {
+                return Err(FemError::BadTouch {
+                    finger: finger.id,
+                    key: k,
+                    quantity,
+                    value,
+                    must,
+                });
+            }
+            if let Some(before) = k.checked_sub(1).map(|b| finger.keys[b])
+                && before.time_s >= key.time_s
+            {
+                let (time_s, before_s) = (key.time_s, before.time_s);
+                return Err(FemError::UnsortedKeys { finger: finger.id, key: k, time_s, before_s });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The triangles of a flat skin, to find places on it.
+struct Place<'a> {
+    surface: &'a Surface,
+}
+
+impl<'a> Place<'a> {
+    fn new(surface: &'a Surface) -> Self {
+        Self { surface }
+    }
+
+    fn holds(&self, p: [f64; 2]) -> bool {
+        (0..self.surface.triangles().len()).any(|t| {
+            let c = self.surface.corners(t);
+            (0..3).all(|k| {
+                let (a, b) = (c[k], c[(k + 1) % 3]);
+                (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) >= 0.0
+            })
+        })
+    }
+
+    fn check(
+        &self,
+        finger: u32,
+        key: Option<usize>,
+        time_s: f64,
+        position_m: [f64; 2],
+    ) -> Result<(), FemError> {
+        if self.holds(position_m) {
+            return Ok(());
+        }
+        let place = key.map_or_else(|| "on its way".to_owned(), |k| format!("at key {k}"));
+        let [x_m, y_m] = position_m;
+        Err(FemError::OutsideSkin { finger, place, time_s, x_m, y_m })
+    }
+}

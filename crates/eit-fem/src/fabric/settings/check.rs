@@ -1,0 +1,99 @@
+//! Which parameters of a fabric can be.
+
+use super::FabricSettings;
+use crate::FemError;
+
+impl FabricSettings {
+    /// Refuses parameters out of range, for a skin with so many electrodes.
+    ///
+    /// # Errors
+    /// [`FemError::OutOfRange`] with the parameter and its value, [`FemError::WrongLength`],
+    /// [`FemError::NoSuchElectrode`].
+    pub fn validate(&self, electrodes: usize) -> Result<(), FemError> {
+        let Self { membrane, piezo, rim, weave, drift, instrument } = self;
+        let positive = [
+            ("fabric.membrane.tension_n_per_m", membrane.tension_n_per_m),
+            ("fabric.membrane.foundation_pa_per_m", membrane.foundation_pa_per_m),
+            ("fabric.membrane.stiffness_n_per_m", membrane.stiffness_n_per_m),
+            ("fabric.piezo.half_pressure_pa", piezo.half_pressure_pa),
+            ("fabric.weave.correlation_m", weave.correlation_m),
+            ("fabric.drift.time_s", drift.time_s),
+            ("fabric.instrument.range_v", instrument.range_v.unwrap_or(1.0)),
+            ("fabric.instrument.compliance_v", instrument.compliance_v.unwrap_or(1.0)),
+            ("fabric.instrument.loose_time_s", instrument.loose_time_s),
+        ];
+        require(positive, |v| v > 0.0, "finite and above zero")?;
+        let list = |name, values: &[f64]| values.iter().map(|v| (name, *v)).collect::<Vec<_>>();
+        require(list("fabric.piezo.thresholds", &piezo.thresholds), |v| v > 0.0, "above zero")?;
+        require(list("fabric.piezo.relaxation_s", &piezo.relaxation_s), |v| v > 0.0, "above zero")?;
+        require(list("fabric.piezo.relaxing", &piezo.relaxing), |v| v >= 0.0, "at least zero")?;
+        let amplitudes = [
+            ("fabric.membrane.friction", membrane.friction),
+            ("fabric.weave.amplitude", weave.amplitude),
+            ("fabric.drift.conductivity", drift.conductivity),
+            ("fabric.drift.contact", drift.contact),
+            ("fabric.instrument.gain_error", instrument.gain_error),
+            ("fabric.instrument.noise_v[0]", instrument.noise_v[0]),
+            ("fabric.instrument.noise_v[1] - noise_v[0]", {
+                instrument.noise_v[1] - instrument.noise_v[0]
+            }),
+            ("fabric.instrument.loose_rate_hz", instrument.loose_rate_hz),
+        ];
+        require(amplitudes, |v| v >= 0.0, "finite and at least zero")?;
+        let below_one = [
+            ("fabric.membrane.poisson_ratio", membrane.poisson_ratio),
+            ("fabric.piezo.hysteresis", piezo.hysteresis),
+            ("the sum of fabric.piezo.relaxing", piezo.relaxing.iter().sum()),
+        ];
+        require(below_one, |v| (0.0..1.0).contains(&v), "from 0 to below 1")?;
+        let gains = [
+            ("fabric.piezo.pressure_gain", piezo.pressure_gain),
+            ("fabric.piezo.strain_gain", piezo.strain_gain),
+            ("fabric.rim.contact_gain", rim.contact_gain),
+        ];
+        // beyond, ln(conductivity) spans decades under a finger
+        require(gains, |v| v.abs() <= 10.0, "from -10 to 10")?;
+        require(
+            [("fabric.rim.compliance", rim.compliance)],
+            |v| (0.0..=1.0).contains(&v),
+            "0 to 1",
+        )?;
+        let bits = [("fabric.instrument.bits", f64::from(instrument.bits))];
+        require(bits, |v| v == 0.0 || (2.0..=32.0).contains(&v), "0 or from 2 to 32")?;
+        let factor = [("fabric.instrument.open_factor", instrument.open_factor)];
+        require(factor, |v| (1.0..=1e6).contains(&v), "from 1 to 1e6")?;
+        self.check_lists(electrodes)
+    }
+
+    fn check_lists(&self, electrodes: usize) -> Result<(), FemError> {
+        let Self { piezo, instrument, .. } = self;
+        if piezo.relaxing.len() != piezo.relaxation_s.len() {
+            return Err(FemError::WrongLength {
+                what: "fabric.piezo.relaxation_s (one per share of fabric.piezo.relaxing)",
+                found: piezo.relaxation_s.len(),
+                wanted: piezo.relaxing.len(),
+            });
+        }
+        for (what, list) in [
+            ("fabric.instrument.lost", &instrument.lost),
+            ("fabric.instrument.loose", &instrument.loose),
+        ] {
+            if let Some(index) = list.iter().position(|n| !(1..=electrodes).contains(n)) {
+                return Err(FemError::NoSuchElectrode { what, number: list[index], electrodes });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Every value finite and as `fits` asks.
+fn require(
+    values: impl IntoIterator<Item = (&'static str, f64)>,
+    fits: impl Fn(f64) -> bool,
+    must: &'static str,
+) -> Result<(), FemError> {
+    match values.into_iter().find(|(_, v)| !(v.is_finite() && fits(*v))) {
+        None => Ok(()),
+        Some((quantity, value)) => Err(FemError::OutOfRange { quantity, value, must }),
+    }
+}

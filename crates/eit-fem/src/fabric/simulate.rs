@@ -1,0 +1,185 @@
+//! Frames of a script: memory of the fabric in order, solves in parallel.
+
+mod frame;
+mod plan;
+mod results;
+
+use super::conductivity::Elements;
+use super::contact::Indentation;
+use super::instrument::Channels;
+use super::motion::{Motion, Placed};
+use super::script::{Touch, TouchScript};
+use super::settings::FabricSettings;
+use super::truth::Simulation;
+use crate::{FemError, ForwardModel, Protocol};
+use eit_mesh::{Mesh, Raster};
+use frame::{Frame, Worker, each};
+use plan::remember;
+use results::true_touches;
+use std::f64::consts::PI;
+use std::time::Instant;
+
+/// Frames that are worked on together: bounds the memory, long enough to keep threads busy.
+const CHUNK: usize = 64;
+/// Waves of the uneven fabric, and of each drift.
+const WEAVE_WAVES: usize = 512;
+const DRIFT_WAVES: usize = 32;
+
+/// A fabric with electrodes, ready to be touched.
+#[derive(Debug)]
+pub struct Fabric {
+    mesh: Mesh,
+    model: ForwardModel,
+    settings: FabricSettings,
+    conductivity_s: f64,
+    contact_impedance: Vec<f64>,
+    elements: Elements,
+    motion: Motion,
+}
+
+/// How to simulate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SimulationSettings {
+    /// Everything random comes from it.
+    pub seed: u64,
+    /// Threads, at least 1; the result does not depend on them.
+    pub threads: usize,
+    /// Keep the conductivity change of every element, 8 bytes an element and frame.
+    pub keep_elements: bool,
+}
+
+impl Default for SimulationSettings {
+    fn default() -> Self {
+        Self { seed: 1, threads: 1, keep_elements: false }
+    }
+}
+
+impl Fabric {
+    /// Prepares the fabric on a flat mesh; `conductivity_s` is the sheet's, siemens,
+    /// `contact_impedance` one per electrode (ohm metre for rim electrodes, ohm square metre for
+    /// patches).
+    ///
+    /// # Errors
+    /// Those of [`ForwardModel::new`] and [`FabricSettings::validate`], a conductivity that is not
+    /// finite and above zero, and a skin that is not flat.
+    pub fn new(
+        mesh: &Mesh,
+        protocol: &Protocol,
+        conductivity_s: f64,
+        contact_impedance: &[f64],
+        settings: &FabricSettings,
+    ) -> Result<Self, FemError> {
+        settings.validate(mesh.electrodes().len())?;
+        if !(conductivity_s.is_finite() && conductivity_s > 0.0) {
+            let (quantity, must) = ("conductivity_s", "finite and above zero");
+            return Err(FemError::OutOfRange { quantity, value: conductivity_s, must });
+        }
+        if let Some(node) = mesh.surface().nodes().iter().position(|p| p[2] != 0.0) {
+            return Err(FemError::NotFlat { node, height_m: mesh.surface().nodes()[node][2] });
+        }
+        let model = ForwardModel::new(mesh, protocol, contact_impedance)?;
+        let membrane = &settings.membrane;
+        let length_m = (membrane.tension_n_per_m / membrane.foundation_pa_per_m).sqrt();
+        Ok(Self {
+            elements: Elements::new(mesh.surface(), length_m),
+            motion: Motion::new(mesh, settings),
+            mesh: mesh.clone(),
+            model,
+            settings: settings.clone(),
+            conductivity_s,
+            contact_impedance: contact_impedance.to_vec(),
+        })
+    }
+
+    /// Simulates a script; truth images are on the raster of the same skin. `progress` hears how
+    /// many frames are done.
+    ///
+    /// # Errors
+    /// Those of [`TouchScript::validate`], [`FemError::ForceTooLarge`] for a finger beyond the
+    /// contact model, [`FemError::WrongLength`] for a raster of another mesh or no thread, all
+    /// before any work; [`FemError::FoldedMesh`] where touches fold the mesh, and those of
+    /// [`ForwardModel::solve_deformed`].
+    pub fn simulate(
+        &self,
+        script: &TouchScript,
+        raster: &Raster,
+        settings: &SimulationSettings,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Simulation, FemError> {
+        let start = Instant::now();
+        let touches = self.check(script, raster, settings)?;
+        let plan = self.plan(script, raster, settings.seed);
+        let mut workers: Vec<Worker> =
+            (0..settings.threads).map(|_| self.worker()).collect::<Result<_, _>>()?;
+        let (reference_v, untouched) = self.untouched(&plan, &mut workers[0])?;
+        let protocol = self.model.protocol();
+        let instrument = &self.settings.instrument;
+        let channels = Channels::new(instrument, protocol, &reference_v.to_vec(), settings.seed);
+        let mut made = self.empty(script, &plan, settings, (reference_v, untouched));
+        made.report.range_v = channels.range_v();
+        made.truth.noise_std_v = channels.noise_std_v(protocol.measurements()).into();
+        let mut memory = vec![0.0; plan.law.memory() * self.model.elements()];
+        let mut frames: Vec<Frame> =
+            (0..CHUNK.min(script.frames)).map(|_| self.frame(raster)).collect();
+        for first in (0..script.frames).step_by(CHUNK) {
+            let count = CHUNK.min(script.frames - first);
+            let chunk = &mut frames[..count];
+            for (k, frame) in chunk.iter_mut().enumerate() {
+                frame.index = first + k;
+                frame.touches.clone_from(&touches[first + k]);
+            }
+            each(&mut workers, chunk, |_, frame| {
+                self.elements.drives_into(&frame.touches, &plan.law, &mut frame.elements);
+            });
+            for frame in chunk.iter_mut() {
+                remember(&plan, frame, &mut memory);
+            }
+            each(&mut workers, chunk, |worker, frame| {
+                frame.error = self.solve(&plan, worker, frame).err();
+            });
+            for frame in chunk.iter_mut() {
+                if let Some(error) = frame.error.take() {
+                    return Err(error);
+                }
+                self.keep(&plan, &channels, frame, &mut made)?;
+            }
+            progress(first + count);
+        }
+        made.truth.touches = true_touches(script, &touches);
+        made.report.time_s = start.elapsed().as_secs_f64();
+        Ok(made)
+    }
+
+    /// Everything that can be wrong, before any work; the dents of every frame.
+    fn check(
+        &self,
+        script: &TouchScript,
+        raster: &Raster,
+        settings: &SimulationSettings,
+    ) -> Result<Vec<Vec<Placed>>, FemError> {
+        script.validate(&self.mesh)?;
+        let (found, wanted) = (raster.masked_areas_m2().len(), self.model.elements());
+        if found != wanted {
+            let what = "raster of another mesh: its triangles";
+            return Err(FemError::WrongLength { what, found, wanted });
+        }
+        if settings.threads == 0 {
+            let (quantity, must) = ("threads", "at least 1");
+            return Err(FemError::OutOfRange { quantity, value: 0.0, must });
+        }
+        let place = |frame: usize, touch: &Touch| {
+            let Touch { finger, tip, position_m, force_n, radius_m, direction } = *touch;
+            let membrane = &self.settings.membrane;
+            let nu = membrane.poisson_ratio;
+            let drag_m = membrane.friction * force_n * (1.0 + nu) * (3.0 - nu)
+                / (4.0 * PI * membrane.stiffness_n_per_m);
+            let dent = Indentation::new(&self.settings.membrane, tip, radius_m, force_n);
+            let time_s = frame as f64 / script.frame_rate_hz;
+            let too_large = FemError::ForceTooLarge { finger, time_s, force_n, radius_m };
+            let placed = |dent| Placed { position_m, dent, drag_m: direction.map(|d| d * drag_m) };
+            dent.map(placed).ok_or(too_large)
+        };
+        let frame = |f: usize| script.touches(f).iter().map(|touch| place(f, touch)).collect();
+        (0..script.frames).map(frame).collect()
+    }
+}

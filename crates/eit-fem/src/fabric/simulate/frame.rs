@@ -1,0 +1,154 @@
+//! One frame: move, solve, and measure without instrument.
+
+use super::Fabric;
+use super::plan::Plan;
+use crate::fabric::conductivity::pressures_into;
+use crate::fabric::motion::Placed;
+use crate::{FemError, Geometry, SolveReport, Workspace};
+use eit_mesh::Raster;
+use ndarray::{Array1, Array2};
+
+/// One frame's numbers on their way.
+pub(super) struct Frame {
+    pub index: usize,
+    pub touches: Vec<Placed>,
+    /// First the drives, then the conductivity of each element.
+    pub elements: Vec<f64>,
+    pub contact_impedance: Vec<f64>,
+    pub shifts_m: Vec<[f64; 3]>,
+    pub pixels_pa: Vec<f64>,
+    pub voltages_v: Vec<f64>,
+    /// Stimulations in which the source gave up.
+    pub limited: Vec<bool>,
+    pub area_ratio: f64,
+    pub error: Option<FemError>,
+}
+
+/// Memory of one thread.
+pub(super) struct Worker {
+    pub workspace: Workspace,
+    pub geometry: Geometry,
+    pub nodes_m: Vec<[f64; 3]>,
+}
+
+impl Fabric {
+    pub(super) fn worker(&self) -> Result<Worker, FemError> {
+        Ok(Worker {
+            workspace: self.model.workspace()?,
+            geometry: self.model.geometry(),
+            nodes_m: self.mesh.surface().nodes().to_vec(),
+        })
+    }
+
+    pub(super) fn frame(&self, raster: &Raster) -> Frame {
+        let electrodes = self.contact_impedance.len();
+        Frame {
+            index: 0,
+            touches: Vec::new(),
+            elements: vec![0.0; self.model.elements()],
+            contact_impedance: vec![0.0; electrodes],
+            shifts_m: vec![[0.0; 3]; electrodes],
+            pixels_pa: vec![0.0; raster.masked_pixels().len()],
+            voltages_v: vec![0.0; self.model.protocol().measurements()],
+            limited: vec![false; self.model.protocol().stimulations_a().nrows()],
+            area_ratio: 1.0,
+            error: None,
+        }
+    }
+
+    /// Voltages of the untouched skin with all contacts as they should be.
+    pub(super) fn untouched(
+        &self,
+        plan: &Plan<'_>,
+        worker: &mut Worker,
+    ) -> Result<(Array1<f64>, SolveReport), FemError> {
+        let mut solution = self.model.solve(&plan.untouched_s, &mut worker.workspace)?;
+        Ok((solution.measurements(), solution.report()))
+    }
+
+    /// Moves, solves and measures without instrument.
+    pub(super) fn solve(
+        &self,
+        plan: &Plan<'_>,
+        worker: &mut Worker,
+        frame: &mut Frame,
+    ) -> Result<(), FemError> {
+        let Worker { workspace, geometry, nodes_m } = worker;
+        frame.contact_impedance.copy_from_slice(&plan.contact_drift[frame.index]);
+        self.motion.add_contacts(&frame.touches, &mut frame.contact_impedance);
+        let instrument = &self.settings.instrument;
+        for (l, z) in frame.contact_impedance.iter_mut().enumerate() {
+            let open = plan.open[frame.index][l] || instrument.lost.contains(&(l + 1));
+            let factor = if open { instrument.open_factor } else { 1.0 };
+            *z = if *z == 0.0 { 1.0 } else { z.exp() } * factor * self.contact_impedance[l];
+        }
+        let touches = if self.motion.moves() { frame.touches.as_slice() } else { &[] };
+        self.motion.nodes_into(touches, nodes_m);
+        self.motion.shifts_into(nodes_m, &mut frame.shifts_m);
+        frame.area_ratio = self.area_ratio(frame.index, nodes_m)?;
+        self.model.deform(nodes_m, &frame.contact_impedance, geometry)?;
+        let solution = self.model.solve_deformed(geometry, &frame.elements, workspace)?;
+        solution.measurements_into(&mut frame.voltages_v)?;
+        if let Some(compliance_v) = instrument.compliance_v {
+            let potentials = solution.electrode_potentials();
+            self.limit(compliance_v, &potentials, frame);
+        }
+        pressures_into(plan.raster, &frame.touches, &mut frame.pixels_pa);
+        Ok(())
+    }
+
+    /// Smallest area of a triangle as seen from +z over its area at rest.
+    pub(super) fn area_ratio(&self, frame: usize, nodes_m: &[[f64; 3]]) -> Result<f64, FemError> {
+        let surface = self.mesh.surface();
+        let mut least = f64::INFINITY;
+        for (triangle, (corners, area_m2)) in
+            surface.triangles().iter().zip(surface.areas_m2()).enumerate()
+        {
+            let [a, b, c] = corners.map(|n| nodes_m[n as usize]);
+            let double = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+            let ratio = 0.5 * double / area_m2;
+            if ratio.is_nan() || ratio <= 0.0 {
+                return Err(FemError::FoldedMesh { frame, triangle, area_ratio: ratio });
+            }
+            least = least.min(ratio);
+        }
+        Ok(least)
+    }
+
+    /// Scales stimulations whose driven electrodes are further apart than the source can push.
+    pub(super) fn limit(&self, compliance_v: f64, potentials: &Array2<f64>, frame: &mut Frame) {
+        let factors: Vec<f64> = self
+            .model
+            .patterns
+            .stimulations_a
+            .iter()
+            .zip(potentials.rows())
+            .map(|(currents, row)| {
+                let driven = currents.iter().map(|c| row[c.0 as usize]);
+                let (low, high) = driven
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+                (compliance_v / (high - low)).min(1.0)
+            })
+            .collect();
+        frame.limited.iter_mut().zip(&factors).for_each(|(limited, f)| *limited = *f < 1.0);
+        for (v, datum) in frame.voltages_v.iter_mut().zip(self.model.protocol().data()) {
+            *v *= factors[datum[0] as usize];
+        }
+    }
+}
+
+/// Works on frames in parallel: each thread takes a run of neighbours, so that no frame's numbers
+/// depend on the number of threads.
+pub(super) fn each(
+    workers: &mut [Worker],
+    frames: &mut [Frame],
+    work: impl Fn(&mut Worker, &mut Frame) + Sync,
+) {
+    let share = frames.len().div_ceil(workers.len());
+    std::thread::scope(|scope| {
+        for (worker, frames) in workers.iter_mut().zip(frames.chunks_mut(share)) {
+            let work = &work;
+            scope.spawn(move || frames.iter_mut().for_each(|frame| work(worker, frame)));
+        }
+    });
+}

@@ -1,0 +1,72 @@
+//! What all frames share: untouched fabric, drift, loose contacts, memory.
+
+use super::frame::Frame;
+use super::{DRIFT_WAVES, Fabric, WEAVE_WAVES};
+use crate::fabric::instrument::open_contacts;
+use crate::fabric::piezo::PiezoLaw;
+use crate::fabric::random::{Purpose, Random, Waves};
+use crate::fabric::script::TouchScript;
+use crate::fabric::settings::FabricSettings;
+use eit_mesh::Raster;
+
+/// What all frames share.
+pub(super) struct Plan<'a> {
+    pub raster: &'a Raster,
+    pub law: PiezoLaw,
+    pub untouched_s: Vec<f64>,
+    /// ln(conductivity) of the sheet and ln(contact impedance) of each electrode, by frame.
+    pub sheet_drift: Vec<f64>,
+    pub contact_drift: Vec<Vec<f64>>,
+    pub open: Vec<Vec<bool>>,
+}
+
+impl Fabric {
+    pub(super) fn plan<'a>(&self, script: &TouchScript, raster: &'a Raster, seed: u64) -> Plan<'a> {
+        let FabricSettings { weave, drift, instrument, piezo, .. } = &self.settings;
+        let (frames, rate_hz) = (script.frames, script.frame_rate_hz);
+        let electrodes = self.contact_impedance.len();
+        let mut untouched_s = vec![self.conductivity_s; self.model.elements()];
+        if weave.amplitude > 0.0 {
+            let mut random = Random::new(seed, Purpose::Weave, 0);
+            let waves: Waves<2> = Waves::new(&mut random, weave.correlation_m, WEAVE_WAVES);
+            for (sigma, c) in untouched_s.iter_mut().zip(self.mesh.surface().centroids()) {
+                *sigma *= (weave.amplitude * waves.at([c[0], c[1]])).exp();
+            }
+        }
+        let slow = |purpose, index, amplitude: f64| -> Vec<f64> {
+            let mut random = Random::new(seed, purpose, index);
+            let waves: Waves<1> = Waves::new(&mut random, drift.time_s, DRIFT_WAVES);
+            let start = waves.at([0.0]);
+            (0..frames).map(|f| amplitude * (waves.at([f as f64 / rate_hz]) - start)).collect()
+        };
+        let mut contact_drift = vec![vec![0.0; electrodes]; frames];
+        if drift.contact > 0.0 {
+            for l in 0..electrodes {
+                let values = slow(Purpose::ContactDrift, l, drift.contact);
+                contact_drift.iter_mut().zip(values).for_each(|(frame, v)| frame[l] = v);
+            }
+        }
+        Plan {
+            raster,
+            law: PiezoLaw::new(piezo, 1.0 / rate_hz),
+            untouched_s,
+            sheet_drift: if drift.conductivity > 0.0 {
+                slow(Purpose::SheetDrift, 0, drift.conductivity)
+            } else {
+                vec![0.0; frames]
+            },
+            contact_drift,
+            open: open_contacts(instrument, (frames, rate_hz), electrodes, seed),
+        }
+    }
+}
+
+/// From drives to conductivities, with the memory of each element.
+pub(super) fn remember(plan: &Plan<'_>, frame: &mut Frame, memory: &mut [f64]) {
+    let size = plan.law.memory();
+    let drift = plan.sheet_drift[frame.index];
+    for (e, (value, untouched)) in frame.elements.iter_mut().zip(&plan.untouched_s).enumerate() {
+        let change = drift + plan.law.step(*value, &mut memory[e * size..(e + 1) * size]);
+        *value = if change == 0.0 { *untouched } else { untouched * change.exp() };
+    }
+}

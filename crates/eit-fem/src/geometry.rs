@@ -1,0 +1,145 @@
+//! What a solve takes from node positions and contact impedances.
+//!
+//! A model has the geometry of its mesh. A skin that is touched deforms: its nodes move, its
+//! electrodes with them, and their contacts change, while triangles, electrodes and patterns stay.
+//! A [`Geometry`] holds the numbers that follow, so that such a solve reuses ordering and symbolic
+//! factor: per frame 60 flops a triangle on top of [`ForwardModel::solve`].
+//!
+//! Results are those of a model built on the moved mesh (`tests/geometry.rs`: the same bits).
+
+use crate::element::{Element, area_m2};
+use crate::forward::{ForwardModel, check_impedances};
+use crate::{FemError, Solution, Workspace};
+
+/// Triangles whose area is below this fraction of their longest edge squared are empty, as for
+/// [`eit_mesh::Surface`]: no digit of a smaller area is right.
+const ZERO_AREA: f64 = 4.0 * f64::EPSILON;
+
+/// Node positions and contact impedances of one solve, as the numbers that assembly reads.
+///
+/// Make one per thread with [`ForwardModel::geometry`] and reuse it: [`ForwardModel::deform`]
+/// allocates nothing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Geometry {
+    /// Scaled gradients of each triangle.
+    pub(crate) elements: Vec<Element>,
+    /// Off-diagonal unit stiffness of each triangle.
+    pub(crate) stiffness: Vec<[f64; 3]>,
+    /// Electrode part of the matrix values.
+    pub(crate) constant: Vec<f64>,
+    /// Place of each unknown that is a node, metres.
+    positions: Vec<[f64; 3]>,
+}
+
+impl Geometry {
+    /// Memory without numbers.
+    pub(crate) fn empty(elements: usize, entries: usize, nodes: usize) -> Self {
+        let none = Element { alpha: 0.0, beta: 0.0, gamma: 0.0 };
+        Self {
+            elements: vec![none; elements],
+            stiffness: vec![[0.0; 3]; elements],
+            constant: vec![0.0; entries],
+            positions: vec![[0.0; 3]; nodes],
+        }
+    }
+
+    /// That it belongs to a model of these sizes.
+    fn check(&self, model: &ForwardModel) -> Result<(), FemError> {
+        let checks = [
+            ("elements of the geometry", self.elements.len(), model.elements()),
+            ("entries of the geometry", self.constant.len(), model.assembly.entry_count()),
+            ("nodes of the geometry", self.positions.len(), model.unknown_of_node.len()),
+        ];
+        match checks.into_iter().find(|(_, found, wanted)| found != wanted) {
+            None => Ok(()),
+            Some((what, found, wanted)) => Err(FemError::WrongLength { what, found, wanted }),
+        }
+    }
+}
+
+impl ForwardModel {
+    /// The geometry of the model's own mesh, to start deformations from.
+    pub fn geometry(&self) -> Geometry {
+        self.geometry.clone()
+    }
+
+    /// Moves nodes and changes contacts: `geometry` becomes that of the model's triangles and
+    /// electrodes with nodes at `nodes_m` (mesh order, metres) and one contact impedance per
+    /// electrode (ohm metre for rim electrodes, ohm square metre for patches). Allocates nothing.
+    ///
+    /// Triangles may turn and stretch in space, but whether they fold over each other is the
+    /// caller's affair: three corners do not tell it.
+    ///
+    /// # Errors
+    /// Wrong counts, a geometry of another model, positions that are not finite, triangles without
+    /// area, impedances that are not finite and above zero. `geometry` is then not to be used.
+    pub fn deform(
+        &self,
+        nodes_m: &[[f64; 3]],
+        contact_impedance: &[f64],
+        geometry: &mut Geometry,
+    ) -> Result<(), FemError> {
+        geometry.check(self)?;
+        if nodes_m.len() != self.unknown_of_node.len() {
+            return Err(FemError::WrongLength {
+                what: "node positions (one per node)",
+                found: nodes_m.len(),
+                wanted: self.unknown_of_node.len(),
+            });
+        }
+        check_impedances(self.protocol().electrodes(), contact_impedance)?;
+        if let Some(node) = nodes_m.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
+            return Err(FemError::NonFinitePosition { node, position_m: nodes_m[node] });
+        }
+        self.fill_geometry(nodes_m, contact_impedance, geometry)
+    }
+
+    /// [`ForwardModel::deform`] after its checks of single values.
+    pub(crate) fn fill_geometry(
+        &self,
+        nodes_m: &[[f64; 3]],
+        contact_impedance: &[f64],
+        geometry: &mut Geometry,
+    ) -> Result<(), FemError> {
+        for (position, &unknown) in nodes_m.iter().zip(&self.unknown_of_node) {
+            geometry.positions[unknown as usize] = *position;
+        }
+        let numbers = geometry.elements.iter_mut().zip(&mut geometry.stiffness);
+        for (index, ((element, stiffness), triangle)) in numbers.zip(&self.triangles).enumerate() {
+            let corners = triangle.map(|u| geometry.positions[u as usize]);
+            check_area(index, corners)?;
+            *element = Element::new(corners);
+            *stiffness = element.stiffness();
+        }
+        let Geometry { positions, constant, .. } = geometry;
+        self.assembly.fill_contacts(&self.contacts, positions, contact_impedance, constant);
+        Ok(())
+    }
+
+    /// [`ForwardModel::solve`] on a geometry of [`ForwardModel::deform`].
+    ///
+    /// # Errors
+    /// Those of [`ForwardModel::solve`], and a geometry of another model.
+    pub fn solve_deformed<'a>(
+        &'a self,
+        geometry: &'a Geometry,
+        conductivity_s: &[f64],
+        workspace: &'a mut Workspace,
+    ) -> Result<Solution<'a>, FemError> {
+        geometry.check(self)?;
+        self.check_conductivity(conductivity_s)?;
+        Solution::new(self, geometry, conductivity_s, workspace)
+    }
+}
+
+fn check_area(triangle: usize, corners: [[f64; 3]; 3]) -> Result<(), FemError> {
+    let area_m2 = area_m2(corners);
+    let square = |k: usize| -> f64 {
+        (0..3).map(|i| (corners[(k + 1) % 3][i] - corners[k][i]).powi(2)).sum()
+    };
+    let longest = square(0).max(square(1)).max(square(2));
+    if !area_m2.is_finite() || area_m2 <= ZERO_AREA * longest {
+        return Err(FemError::ZeroArea { triangle, area_m2 });
+    }
+    Ok(())
+}
