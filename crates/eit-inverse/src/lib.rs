@@ -11,8 +11,10 @@ pub mod metrics;
 mod movie;
 pub mod prior;
 mod reconstructor;
+mod reference;
 mod spectrum;
 mod st_tv;
+pub mod touch;
 
 pub use data::{DifferenceData, DifferenceSettings};
 pub use error::InverseError;
@@ -26,6 +28,7 @@ pub use movie::{
 };
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
 pub use reconstructor::{Reconstructor, Workspace};
+pub use reference::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};
 pub use st_tv::{
     ChosenWeights, Fidelity, StTv, StTvSettings, StTvStream, Stop, StreamSettings, StreamStep,
     WeightPoint, WeightStatus, noise_std_of_quiet_frames,
