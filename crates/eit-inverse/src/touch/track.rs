@@ -6,6 +6,7 @@ use super::filter::Filter;
 use super::noise::NoiseFloor;
 use super::segment::{Segmenter, Spot};
 use super::stream::TouchStreamSettings;
+use crate::prior::distance_m;
 
 /// Cost of a pair that must not be: above any sum of gates.
 const NEVER: f64 = 1e7;
@@ -72,6 +73,7 @@ impl Tracker {
             track.shown <<= 1;
         }
         self.pair(&segmenter.spots, settings);
+        self.pair_by_area(segmenter, settings);
         self.misses(segmenter, settings);
         self.births(&segmenter.spots, settings);
         self.confirm(time_s, settings);
@@ -107,6 +109,40 @@ impl Tracker {
             track.shown |= 1;
             track.missed = 0;
             track.merged_into = None;
+        }
+    }
+
+    /// Named tracks and blobs that are left, where the blob covers the track or has come out of its
+    /// area: two touches that run into one blob, or part, move its centre farther than any gate.
+    /// The nearest pairs first. Such a track starts anew from the blob's place, at rest.
+    fn pair_by_area(&mut self, segmenter: &Segmenter, settings: &TouchStreamSettings) {
+        loop {
+            let mut nearest: Option<(f64, usize, usize)> = None;
+            let waiting = |t: &(usize, &Track)| t.1.matched.is_none() && t.1.id.is_some();
+            for (at, track) in self.tracks.iter().enumerate().filter(waiting) {
+                let hill = segmenter.hill_at(track.filter.position_m);
+                let left = |s: &(usize, &Spot)| !self.taken[s.0];
+                for (k, spot) in segmenter.spots.iter().enumerate().filter(left) {
+                    let owner = Some(self.owner[spot.top]);
+                    if hill != Some(spot.hill) && owner != track.id && owner != track.merged_into {
+                        continue;
+                    }
+                    let way = distance_m(spot.position_m, track.filter.position_m);
+                    if nearest.is_none_or(|(least, _, _)| way < least) {
+                        nearest = Some((way, at, k));
+                    }
+                }
+            }
+            let Some((_, at, k)) = nearest else { return };
+            let (track, spot) = (&mut self.tracks[at], segmenter.spots[k]);
+            let covariance = measured(&spot, settings);
+            track.filter = Filter::new(spot.position_m, covariance, settings.velocity_std_m_s);
+            track.matched = Some(k);
+            track.spot = spot;
+            track.shown |= 1;
+            track.missed = 0;
+            track.merged_into = None;
+            self.taken[k] = true;
         }
     }
 
