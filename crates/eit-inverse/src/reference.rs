@@ -255,9 +255,15 @@ impl AdaptiveReference {
         self.held_s += dt;
         self.quiet_s += dt;
         self.extrapolate();
-        let mut chi_square = self.reduced_chi_square(frame);
+        let mut chi_square = self.reduced_chi_square(frame, 1.0);
         let spread = (2.0 / frame.len() as f64).sqrt();
-        let unquiet = chi_square > 1.0 + ABOVE * spread;
+        let limit = 1.0 + ABOVE * spread;
+        let mut unquiet = chi_square > limit;
+        if unquiet && !touched && self.settings.common_mode {
+            // a drift whose slope is not known yet lags; what all channels share is no touch
+            let factor = 1.0 + self.common.median_of_all(frame, &self.reference_v);
+            unquiet = self.reduced_chi_square(frame, factor) > limit;
+        }
         if touched || unquiet {
             self.quiet_s = 0.0;
         }
@@ -271,7 +277,7 @@ impl AdaptiveReference {
         } else if self.settings.common_mode {
             let share = (&self.settings, self.held_s, dt, touched);
             self.common.update(share, frame, &mut self.reference_v);
-            chi_square = self.reduced_chi_square(frame);
+            chi_square = self.reduced_chi_square(frame, 1.0);
         }
         let held_s = if state == ReferenceState::Following { 0.0 } else { self.held_s };
         let common_factor = self.common.factor;
@@ -298,9 +304,11 @@ impl AdaptiveReference {
         }
     }
 
-    fn reduced_chi_square(&self, frame: &[f64]) -> f64 {
+    /// Against the reference times a factor.
+    fn reduced_chi_square(&self, frame: &[f64], factor: f64) -> f64 {
         let parts = frame.iter().zip(&self.reference_v).zip(&self.noise_std_v);
-        let sum: f64 = parts.map(|((v, reference), e)| ((v - reference) / e).powi(2)).sum();
+        let sum: f64 =
+            parts.map(|((v, reference), e)| ((v - factor * reference) / e).powi(2)).sum();
         sum / frame.len() as f64
     }
 
@@ -363,6 +371,18 @@ impl Common {
         let more = 1.0 + weight * ((1.0 + self.median(&change)) / (1.0 + share) - 1.0);
         self.factor *= more;
         reference.iter_mut().for_each(|v| *v *= more);
+    }
+
+    /// Median change of all channels.
+    fn median_of_all(&mut self, frame: &[f64], reference: &[f64]) -> f64 {
+        self.ranking.clear();
+        let parts = frame.iter().zip(reference).filter(|(_, reference)| **reference != 0.0);
+        self.ranking.extend(parts.map(|(v, reference)| (v / reference - 1.0, 0)));
+        if self.ranking.is_empty() {
+            return 0.0;
+        }
+        let middle = self.ranking.len() / 2;
+        self.ranking.select_nth_unstable_by(middle, |a, b| a.0.total_cmp(&b.0)).1.0
     }
 
     /// Median change of the untouched channels.

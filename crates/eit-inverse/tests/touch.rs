@@ -165,7 +165,7 @@ fn places_are_finer_than_pixels() {
     }
     let rms = (squares / 100.0_f64).sqrt();
     println!("rms {:.3} mm", 1e3 * rms);
-    // pixels at the half-maximum contour come and go: some 45 of them, a weight of half each
+    // pixels at the half-maximum contour come and go with a weight near zero
     assert!(rms < 0.1 * 3.125e-3, "{rms}");
 }
 
@@ -195,7 +195,7 @@ fn position_covariance_is_that_of_the_scatter() {
     let scatter: f64 =
         (0..2).map(|i| places.iter().map(|p| (p[i] - mean(i)).powi(2)).sum::<f64>() / 399.0).sum();
     println!("scatter {:.4} mm, stated {:.4} mm", 1e3 * scatter.sqrt(), 1e3 * variance.sqrt());
-    // members are taken as fixed in the formula but change with the noise; 400 samples tell 4 %
+    // first order in noise of a fortieth of the peak; 400 samples tell 4 %
     assert!((scatter.sqrt() / variance.sqrt() - 1.0).abs() < 0.3);
 }
 

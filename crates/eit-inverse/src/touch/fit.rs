@@ -37,7 +37,7 @@ pub struct FitSettings {
     /// Steps at most. Default 30.
     pub max_iterations: usize,
     /// Stop when a step promises to lower chi^2 by less than this: its root is the distance to the
-    /// optimum in standard deviations. Default 1e-6.
+    /// optimum in standard deviations. Default 1e-4.
     pub tolerance: f64,
     /// A touch is valid up to this standard deviation of its position along any direction, metres.
     /// Default 10 mm.
@@ -52,7 +52,7 @@ impl FitSettings {
             fit_radius: true,
             radius_range_m: [2e-3, 0.1],
             max_iterations: 30,
-            tolerance: 1e-6,
+            tolerance: 1e-4,
             max_position_std_m: 10e-3,
         }
     }
@@ -102,10 +102,10 @@ pub struct FittedTouch {
     pub amplitude_std: f64,
     /// Standard deviation of the radius, metres; 0 where it is not fitted.
     pub radius_std_m: f64,
-    /// Probability that noise would have made a smaller amplitude at this place, 0 to 1:
-    /// `erf(|a| / (std sqrt 2))`. Near 1 for a touch, evenly spread for none.
+    /// Probability that noise would have made a smaller strength `s = a r^2` here, 0 to 1:
+    /// `erf(|s| / (std sqrt 2))`. Near 1 for a touch.
     pub confidence: f64,
-    /// Whether it can be acted on: amplitude above three standard deviations, position known to
+    /// Whether it can be acted on: strength above three standard deviations, position known to
     /// the setting, radius inside its range.
     pub valid: bool,
 }

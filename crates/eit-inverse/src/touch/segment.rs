@@ -28,6 +28,8 @@ pub(super) struct Spot {
     pub(super) integral: f64,
     /// Signed, siemens.
     pub(super) peak: f64,
+    /// Sum of the weights of the centre, S m^2.
+    weight: f64,
     /// Peak in standard deviations of its cell.
     pub(super) level: f64,
 }
@@ -96,6 +98,7 @@ impl Segmenter {
                 area_m2: 0.0,
                 integral: 0.0,
                 peak,
+                weight: 0.0,
                 level,
             };
             measure(&self.watershed, &self.heights, &self.cells, &mut spot);
@@ -136,21 +139,24 @@ fn members<'a>(
         .filter(move |&k| watershed.hill(k) == hill)
 }
 
-/// Centre of gravity, area and integral.
+/// Area and integral, and the centre of gravity of what rises above half of the peak: cells at the
+/// edge have no weight, so that they may come and go without moving it.
 fn measure(watershed: &Watershed, heights: &[f64], cells: &Cells<3>, spot: &mut Spot) {
     let (areas, places) = (cells.areas_m2(), cells.positions_m());
-    let mut moment = [0.0; 3];
+    let (mut moment, mut total, half) = ([0.0; 3], 0.0, 0.5 * heights[spot.top]);
     for k in members(watershed, heights, spot) {
-        let weight = heights[k] * areas[k];
+        let weight = (heights[k] - half) * areas[k];
         spot.area_m2 += areas[k];
-        spot.integral += weight;
+        spot.integral += heights[k] * areas[k];
+        total += weight;
         moment.iter_mut().zip(places[k]).for_each(|(m, p)| *m += weight * p);
     }
-    spot.position_m = moment.map(|m| m / spot.integral);
+    spot.weight = total;
+    spot.position_m = moment.map(|m| m / total);
 }
 
-/// Covariance of the centre `c = sum x a p / sum x a` for fixed members:
-/// `dc/dx_k = a_k (p_k - c) / sum x a`, through the factor of the image's noise.
+/// Covariance of the centre `c = sum w p / sum w`, `w = a (x - x_top / 2)`, by
+/// `dc = sum a_k (p_k - c) (dx_k - dx_top / 2) / sum w` through the factor of the image's noise.
 fn covariance(
     (watershed, heights, cells): (&Watershed, &[f64], &Cells<3>),
     floor: &NoiseFloor,
@@ -159,16 +165,21 @@ fn covariance(
 ) -> [[f64; 3]; 3] {
     let (areas, places) = (cells.areas_m2(), cells.positions_m());
     gradient.iter_mut().for_each(|g| g.fill(0.0));
-    let total = spot.integral.abs();
+    let mut sums = [0.0; 3];
     for k in members(watershed, heights, spot) {
         let sources = floor.sources_of(k);
         for (axis, gradient) in gradient.iter_mut().enumerate() {
-            let slope = areas[k] * (places[k][axis] - spot.position_m[axis]) / total;
+            let slope = areas[k] * (places[k][axis] - spot.position_m[axis]) / spot.weight;
+            sums[axis] += slope;
             // flat skins do no work for their third coordinate
             if slope != 0.0 {
                 gradient.iter_mut().zip(sources).for_each(|(g, f)| *g += slope * f);
             }
         }
+    }
+    let top = floor.sources_of(spot.top);
+    for (gradient, sum) in gradient.iter_mut().zip(sums) {
+        gradient.iter_mut().zip(top).for_each(|(g, f)| *g -= 0.5 * sum * f);
     }
     std::array::from_fn(|i| {
         std::array::from_fn(|j| gradient[i].iter().zip(&gradient[j]).map(|(a, b)| a * b).sum())

@@ -22,7 +22,7 @@ const LAST_DAMPING: f64 = 1e12;
 /// linear model says nothing.
 const LONGEST: f64 = 1.0;
 
-/// Standard deviations that the amplitude of a valid touch has at least.
+/// Standard deviations that the strength of a valid touch has at least.
 const SIGNIFICANT: f64 = 3.0;
 
 impl TouchFit<'_> {
@@ -185,7 +185,16 @@ impl TouchFit<'_> {
                 true => bell.radius_m * covariance[(at + 3, at + 3)].sqrt(),
                 false => 0.0,
             };
-            let significance = bell.amplitude.abs() / amplitude_std;
+            // of the strength a r^2: amplitude and radius of a small touch are nearly one number
+            let slopes = [1.0 / bell.amplitude, 2.0];
+            let unknowns = parameters.count() - 2;
+            let mut variance = 0.0;
+            for (i, a) in slopes.iter().take(unknowns).enumerate() {
+                for (j, b) in slopes.iter().take(unknowns).enumerate() {
+                    variance += a * b * covariance[(at + 2 + i, at + 2 + j)];
+                }
+            }
+            let significance = variance.sqrt().recip();
             let spread = largest_eigenvalue(plane).sqrt();
             let free = !parameters.radius || (bell.radius_m > least && bell.radius_m < largest);
             FittedTouch {
