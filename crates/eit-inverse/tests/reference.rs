@@ -9,8 +9,14 @@
 
 mod common;
 
-use common::Random;
-use eit_inverse::{AdaptiveReference, InverseError, ReferenceSettings, ReferenceState};
+use common::{Random, disc, jacobian, target};
+use eit_inverse::metrics::Cells;
+use eit_inverse::touch::{NoiseFloor, TouchState, TouchStream, TouchStreamSettings};
+use eit_inverse::{
+    AdaptiveReference, Difference, DifferenceSettings, InverseError, Laplace, LaplaceSettings,
+    ReferenceSettings, ReferenceState,
+};
+use eit_mesh::Raster;
 use ndarray::Array2;
 
 const CHANNELS: usize = 208;
@@ -153,6 +159,67 @@ fn rezero_is_immediate_and_nothing_else_is() {
     let step = reference.push(&frame, 2000.0 / RATE_HZ, true).unwrap();
     assert_eq!(step.state, ReferenceState::Zeroed);
     assert_eq!(reference.reference(), frame);
+}
+
+/// The whole way from frames to touches under a thermal drift of 1 % a minute of all voltages: none
+/// in five minutes of rest, one while something presses for two, none afterwards; its place is that
+/// without drift to a millimetre.
+#[test]
+fn thermal_drift_is_no_touch_and_does_not_move_one() {
+    let place = |drift_per_s: f64| -> [f64; 2] {
+        let surface = disc(0.1, 12);
+        let jacobian = jacobian(&surface, 0.1, 16);
+        // voltages are homogeneous of degree -1 in the conductivity, here 1 S: v = -J 1
+        let rest: Vec<f64> = jacobian.rows().into_iter().map(|row| -row.sum()).collect();
+        let change =
+            jacobian.dot(&ndarray::Array1::from(target(&surface, [0.04, 0.02], 0.015, 0.3)));
+        let rms = (rest.iter().map(|v| v * v).sum::<f64>() / rest.len() as f64).sqrt();
+        let noise = 1e-3 * rms;
+        let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
+        let inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+        let raster = Raster::new(&surface, 24).unwrap();
+        let to_pixels = inverse.on_raster(raster.pixel_from_element()).unwrap();
+        let floor = NoiseFloor::of_reconstruction(&to_pixels, &[noise; CHANNELS]).unwrap();
+        let cells = Cells::of_raster_on(&raster, &surface).unwrap();
+        let mut stream = TouchStream::new(cells, floor, TouchStreamSettings::default()).unwrap();
+        let mut reference =
+            AdaptiveReference::with_noise(&rest, &[noise; CHANNELS], ReferenceSettings::default())
+                .unwrap();
+        let mut random = Random(12);
+        let (mut workspace, mut image) = (to_pixels.workspace(), vec![0.0; to_pixels.image_len()]);
+        let (mut frame, mut touched, mut begun) = (rest.clone(), false, 0);
+        let (mut sum, mut count) = ([0.0; 2], 0.0);
+        for k in 1..(480.0 * RATE_HZ) as usize {
+            let time_s = k as f64 / RATE_HZ;
+            let factor = 1.0 + drift_per_s * time_s;
+            let pressed = (300.0..420.0).contains(&time_s);
+            let strength = f64::from(u8::from(pressed));
+            for i in 0..CHANNELS {
+                frame[i] = factor * (rest[i] + strength * change[i]) + noise * random.normal();
+            }
+            reference.push(&frame, time_s, touched).unwrap();
+            to_pixels
+                .reconstruct_into(&frame, reference.reference(), &mut workspace, &mut image)
+                .unwrap();
+            let touches = stream.push(&image, time_s).unwrap();
+            touched = touches.iter().any(|touch| touch.state != TouchState::End);
+            begun += touches.iter().filter(|t| t.state == TouchState::Begin).count();
+            if !pressed && !(420.0..421.0).contains(&time_s) {
+                assert!(!touched, "{time_s} s: {touches:?}");
+            }
+            if (301.0..420.0).contains(&time_s) {
+                assert_eq!(touches.len(), 1, "{time_s} s");
+                (0..2).for_each(|axis| sum[axis] += touches[0].position_m[axis]);
+                count += 1.0;
+            }
+        }
+        assert_eq!(begun, 1);
+        sum.map(|x| x / count)
+    };
+    let (still, drifting) = (place(0.0), place(0.01 / 60.0));
+    let moved = (still[0] - drifting[0]).hypot(still[1] - drifting[1]);
+    println!("drift moves the touch by {:.3} mm", 1e3 * moved);
+    assert!(moved < 1e-3, "{moved}");
 }
 
 #[test]

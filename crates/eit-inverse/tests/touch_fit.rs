@@ -132,29 +132,15 @@ fn bound_of_the_paper_disc() {
         cramer_rao(&model, mesh.surface(), &sheet, settings, scene).unwrap()[0]
     };
     let all = Nuisance::AmplitudeAndRadius;
-    for (angle, place) in [(0.0, "electrode"), (11.25, "gap")] {
-        for radius in [0.08, 0.085, 0.09, 0.095] {
-            let std = [Nuisance::Known, Nuisance::Amplitude, all]
-                .map(|nuisance| 1e3 * bound(radius, angle, 60.0, nuisance).position_std_m);
-            println!("{place} {radius} m: {std:.3?} mm");
-        }
-    }
-    // a tenth: what the two calculations may differ by in mesh and noise
-    for (radius, angle, wanted_m) in [(0.0, 0.0, 0.62e-3), (0.05, 0.0, 0.28e-3)] {
+    // a tenth: what the two calculations may differ by in mesh and noise. Near the rim is at 0.8 of
+    // the radius in the gap between two electrodes (11.25 degrees)
+    for (radius, angle, wanted_m) in
+        [(0.0, 0.0, 0.62e-3), (0.05, 0.0, 0.28e-3), (0.08, 11.25, 0.07e-3)]
+    {
         let found = bound(radius, angle, 60.0, all).position_std_m;
         println!("{radius} m: {:.3} mm, wanted {:.3} mm", 1e3 * found, 1e3 * wanted_m);
         assert!((found / wanted_m - 1.0).abs() < 0.1, "{radius} m: {found}");
     }
-    // near the rim it depends on whether an electrode or a gap is near and on what is unknown
-    let rim: Vec<f64> = [0.0, 11.25]
-        .iter()
-        .flat_map(|&angle| {
-            [Nuisance::Known, all].map(|nuisance| bound(0.09, angle, 60.0, nuisance).position_std_m)
-        })
-        .collect();
-    let (least, most) =
-        rim.iter().fold((f64::INFINITY, 0.0_f64), |(l, m), x| (l.min(*x), m.max(*x)));
-    assert!(least < 0.07e-3 && most > 0.07e-3 && most < 0.21e-3, "{rim:?}");
     // ten times the noise, ten times the bound: the information is quadratic in it
     let ratio =
         bound(0.05, 0.0, 40.0, all).position_std_m / bound(0.05, 0.0, 60.0, all).position_std_m;

@@ -2,6 +2,8 @@
 //!
 //! Source: Marquardt, *J. SIAM* 11 (1963), 431-441; damping by Nielsen (Madsen, Nielsen, Tingleff,
 //! *Methods for Non-Linear Least Squares Problems* (2004), algorithm 3.16).
+//!
+//! `fit_whitened` is longer than other functions: the iteration is one piece of state.
 
 use super::problem::{inverse_information, scaled_gram};
 use super::{FitResult, FitSettings, FitStatus, FittedTouch, Parameters, TouchFit};
