@@ -56,6 +56,7 @@ struct Task<'a> {
 pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
     check_sections(&scene)?;
+    pipeline::touches::check(&scene)?;
     // an unknown name is refused before anything is made
     method::choose(&scene, args.method.as_deref(), None)?;
     let mut out = OutFolder::new(&args.out)?;

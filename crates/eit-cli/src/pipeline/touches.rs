@@ -70,7 +70,6 @@ pub(crate) fn touches(
     let imaging = detector(scene, (setup, linearised), (frames, &noise), progress)?;
     let rate_hz = frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
     let settings = stream_settings(scene, rate_hz);
-    settings.validate().map_err(|e| CliError::from(e).within(&scene.place))?;
     let stack = imaging.images(frames, progress)?;
     progress.stage("touches", || {
         let reconstructor = imaging.difference.on_raster(imaging.raster.pixel_from_element())?;
@@ -95,6 +94,12 @@ pub(crate) fn touches(
             noise_source: noise.source.clone(),
         }))
     })
+}
+
+/// Refuses a scene whose `[touch]` cannot be, before any work.
+pub(crate) fn check(scene: &Scene) -> Result<(), CliError> {
+    let settings = stream_settings(scene, DEFAULT_RATE_HZ);
+    settings.validate().map_err(|e| CliError::input(format!("touch: {e}")).within(&scene.place))
 }
 
 /// One-step reconstruction weighted by the noise, at noise figure 1: an image as noisy as its data.
