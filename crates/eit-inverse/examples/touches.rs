@@ -3,6 +3,8 @@
 //! Simulated on a finer mesh than the one that is reconstructed on. Prints the places and the time
 //! of an image.
 
+#![allow(missing_docs, reason = "an example is read, not linked against")]
+
 use eit_fem::{ForwardModel, PairProtocol};
 use eit_inverse::metrics::Cells;
 use eit_inverse::touch::{
