@@ -4,6 +4,7 @@
 //! of an image.
 
 #![allow(missing_docs, reason = "an example is read, not linked against")]
+#![allow(clippy::print_stdout, reason = "an example shows its result")]
 
 use eit_fem::{ForwardModel, PairProtocol};
 use eit_inverse::metrics::Cells;

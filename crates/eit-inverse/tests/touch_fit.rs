@@ -221,7 +221,7 @@ fn fit_reaches_the_bound() {
                 assert!(((2.0 * stated).sqrt() / bound_m - 1.0).abs() < 0.3);
             }
         }
-        let mut mesh_error = |mesh: &Mesh, model: &ForwardModel, sheet: &[f64]| {
+        let mesh_error = |mesh: &Mesh, model: &ForwardModel, sheet: &[f64]| {
             let settings = settings(&reference, 70.0);
             let mut fit = TouchFit::new(model, mesh.surface(), sheet, settings).unwrap();
             let bound = fit.bound(&[truth], Nuisance::AmplitudeAndRadius).unwrap()[0];
