@@ -44,11 +44,6 @@ fn false_touches(frames: usize, seed: u64, settings: &TouchStreamSettings) -> us
     let cells = Cells::of_raster_on(&raster, &surface).unwrap();
     let floor = NoiseFloor::of_reconstruction(&reconstructor, &[1.0; MEASUREMENTS]).unwrap();
     let mut stream = TouchStream::new(cells, floor, settings.clone()).unwrap();
-    println!(
-        "threshold {:.3}, {:.1} effective cells",
-        stream.threshold(),
-        stream.effective_cells()
-    );
     let mut random = Random(seed);
     let (mut found, mut k) = (0, 0);
     for _ in 0..frames / 1000 {
