@@ -198,4 +198,53 @@ pub enum InverseError {
         /// Least residual norm of any image.
         least: f64,
     },
+    /// A cell of an image that is NaN or infinite.
+    #[error("image {frame}, cell {cell} is {value}: it must be finite")]
+    NonFiniteImage {
+        /// Image index, counted from the first that was pushed.
+        frame: usize,
+        /// Cell index.
+        cell: usize,
+        /// The value.
+        value: f64,
+    },
+    /// Too few frames without touch to learn the noise from.
+    #[error("{found} quiet frames are given, {needed} are needed to measure the noise")]
+    TooFewQuietFrames {
+        /// Frames given.
+        found: usize,
+        /// Frames needed.
+        needed: usize,
+    },
+    /// No cell of an image, or no measurement, shows noise.
+    #[error("{what}: state the noise, or give quiet frames that show it")]
+    NoiseUnknown {
+        /// What is missing.
+        what: &'static str,
+    },
+    /// Time stands still, runs backwards or is not finite.
+    #[error("frame {frame} is at {time_s} s, after a frame at {before_s} s: time must increase")]
+    TimeOrder {
+        /// Frame index, counted from the first that was pushed.
+        frame: usize,
+        /// Its time, seconds.
+        time_s: f64,
+        /// Time of the frame before, seconds.
+        before_s: f64,
+    },
+    /// A touch that is not on the skin.
+    #[error(
+        "touch {touch} at {position_m:?} m is {distance_m:e} m from the skin: it must be within \
+         {limit_m:e} m"
+    )]
+    OutsideSkin {
+        /// Touch index.
+        touch: usize,
+        /// Its position, metres.
+        position_m: [f64; 3],
+        /// Distance to the skin, metres.
+        distance_m: f64,
+        /// Largest distance, metres.
+        limit_m: f64,
+    },
 }

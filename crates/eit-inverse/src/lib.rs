@@ -11,9 +11,11 @@ pub mod metrics;
 mod movie;
 pub mod prior;
 mod reconstructor;
+mod reference;
 mod spectrum;
 mod st_tv;
 mod whitened;
+pub mod touch;
 
 pub use data::{DifferenceData, DifferenceSettings};
 pub use error::InverseError;
@@ -27,6 +29,7 @@ pub use movie::{
 };
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
 pub use reconstructor::{Reconstructor, Workspace};
+pub use reference::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};
 pub use st_tv::{
     ChosenWeights, Fidelity, StTv, StTvSettings, StTvStream, Stop, StreamSettings, StreamStep,
     WeightPoint, WeightStatus, noise_std_of_quiet_frames,

@@ -2,6 +2,7 @@
 
 mod gauss_newton;
 mod total_variation;
+mod touches;
 
 pub(super) use gauss_newton::footnote;
 pub(crate) use total_variation::status_words as movie_status_words;
@@ -55,6 +56,7 @@ struct Task<'a> {
 pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
     check_sections(&scene)?;
+    pipeline::touches::check(&scene)?;
     // an unknown name is refused before anything is made
     method::choose(&scene, args.method.as_deref(), None)?;
     let mut out = OutFolder::new(&args.out)?;
@@ -76,22 +78,31 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
         Method::StTv | Method::Tv => total_variation::make(&task, &mut progress)?,
         _ => gauss_newton::make(&task, &mut progress)?,
     };
+    let gain = task.fit.gain;
+    let found =
+        pipeline::touches::touches(&scene, (setup, linearised), (&frames, gain), &mut progress)?;
     let mut notes = frames.notes.clone();
     notes.extend(linearised.warning.clone());
     notes.extend(made.notes.clone());
 
     out.write("images.npy", |w| write_npy(&made.images, w))?;
     let skin = draw::skin(&setup.mesh, &made.raster);
-    let settings = picture_settings(&scene, made.footnote.clone(), frames.rate_hz);
+    let mut settings = picture_settings(&scene, made.footnote.clone(), frames.rate_hz);
+    if let Some(found) = &found {
+        out.write("touches.csv", |w| touches::write_csv(found, w))?;
+        settings.marks_m = found.marks(frames.values.nrows());
+    }
     write_pictures(&mut out, made.images.view(), &skin, &settings, frames.rate_hz, &mut progress)?;
     if let Some(curve) = &made.curve {
         out.write("hyperparameter.png", |w| Ok(curve.write_png(w)?))?;
     }
-    let report = report(&task, &made, (choice.why, &notes), &progress);
+    let mut report = report(&task, &made, (choice.why, &notes), &progress);
+    report["touches"] = touches::touches_json(found.as_ref());
     let json = with_files(report, &out);
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
-    let text = text(&task, &made, (choice.why, &notes), &out);
-    out.commit(&["movie.gif", "hyperparameter.png"])?;
+    let line = touches::line(found.as_ref());
+    let text = format!("{line}\n{}", text(&task, &made, (choice.why, &notes), &out));
+    out.commit(&["movie.gif", "hyperparameter.png", "touches.csv"])?;
     Ok(Answer { text, json })
 }
 

@@ -98,6 +98,8 @@ pub(crate) struct PictureSettings {
     pub range: Option<[f64; 2]>,
     /// What stands under each image.
     pub labels: FrameLabels,
+    /// Places that are marked in each frame, metres; empty, or one list for each frame.
+    pub marks_m: Vec<Vec<[f64; 2]>>,
     /// Bilinear between pixel centres, which also fills half a pixel of NaN at the rim of the
     /// skin and of holes in the data; false shows each pixel as the square it is.
     pub smooth: bool,
@@ -116,6 +118,7 @@ impl Default for PictureSettings {
             map: ColorMap::CoolWarm,
             range: None,
             labels: FrameLabels::Number,
+            marks_m: Vec::new(),
             smooth: true,
             zoom: 2,
         }

@@ -10,6 +10,8 @@ use super::{
     text::Font,
 };
 
+/// Half the length of a mark's strokes, in points.
+const MARK_ARM: f64 = 5.0;
 /// Thickness of an electrode's arc, in points.
 const ELECTRODE_WIDTH: f64 = 4.0;
 /// Least side of the skin's drawing, in points, however slim the skin.
@@ -188,6 +190,20 @@ impl Panel {
                 canvas.stroke(&label, NUMBER_EM * NUMBER_HEIGHT + 3.0, WHITE, 0.8);
             }
             canvas.text(&number.to_string(), NUMBER_EM, [x, y], Align::Centre, INK);
+        }
+    }
+}
+
+impl Panel {
+    /// Draws a small cross on each place that is on the panel, dark on a light ground.
+    pub(super) fn draw_marks(&self, canvas: &mut Canvas, corner: [f64; 2], marks_m: &[[f64; 2]]) {
+        let on_panel = |p: &[f64; 2]| (0..2).all(|i| (0.0..=self.size[i]).contains(&p[i]));
+        for [x, y] in marks_m.iter().map(|mark| self.to_page(*mark)).filter(on_panel) {
+            let [x, y] = [corner[0] + x, corner[1] + y];
+            for (width, colour) in [(3.0, WHITE), (1.2, INK)] {
+                canvas.stroke(&[[x - MARK_ARM, y], [x + MARK_ARM, y]], width, colour, 1.0);
+                canvas.stroke(&[[x, y - MARK_ARM], [x, y + MARK_ARM]], width, colour, 1.0);
+            }
         }
     }
 }

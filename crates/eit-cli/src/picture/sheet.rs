@@ -63,6 +63,7 @@ pub(super) struct ImageSheet<'a> {
     /// Which of the images are shown.
     pub(super) chosen: Vec<usize>,
     labels: Vec<String>,
+    marks_m: Vec<Vec<[f64; 2]>>,
     pub(super) scale: Scale,
     panel: Panel,
     pub(super) page: Page,
@@ -105,7 +106,9 @@ impl<'a> ImageSheet<'a> {
             },
             font,
         );
-        Ok(Self { images, smooth: settings.smooth, chosen, labels, scale, panel, page })
+        let of = |frame: &usize| settings.marks_m.get(*frame).cloned().unwrap_or_default();
+        let marks_m = chosen.iter().map(of).collect();
+        Ok(Self { images, smooth: settings.smooth, chosen, labels, marks_m, scale, panel, page })
     }
 
     /// Draws the `k`-th of the chosen frames into a panel of the page.
@@ -114,6 +117,7 @@ impl<'a> ImageSheet<'a> {
         let image = self.images.index_axis(Axis(0), self.chosen[k]);
         self.panel.draw_image(canvas, corner, image, &self.scale, self.smooth);
         self.panel.draw_skin(canvas, corner);
+        self.panel.draw_marks(canvas, corner, &self.marks_m[k]);
         self.page.label(canvas, corner, &self.labels[k]);
     }
 }

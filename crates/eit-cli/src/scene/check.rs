@@ -31,6 +31,7 @@ impl Scene {
             ("reconstruction.hyperparameter", fixed),
             ("reconstruction.noise_figure", image.noise_figure),
             ("noise.additive_v", self.noise.additive_v),
+            ("touch.false_alarms_per_hour", self.touch.false_alarms_per_hour),
             ("reconstruction.lambda_space", image.lambda_space),
             ("reconstruction.target_gap", image.target_gap),
             ("reconstruction.deadline_s", image.deadline_s),

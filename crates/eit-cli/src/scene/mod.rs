@@ -47,6 +47,9 @@ pub(crate) struct Scene {
     pub noise: Noise,
     /// The simulated fabric of `eit simulate`.
     pub fabric: Option<FabricSettings>,
+    /// Touches.
+    #[serde(default)]
+    pub touch: TouchKeys,
     /// U-net; not in this version.
     pub denoise: Option<toml::Table>,
     /// Live instrument; not in this version.
@@ -250,6 +253,30 @@ pub(crate) struct Noise {
     pub additive_v: Option<f64>,
     /// First and last frame of a part of the recording during which nothing touched the skin.
     pub quiet_frames: Option<Pair<usize>>,
+}
+
+/// `[touch]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct TouchKeys {
+    pub false_alarms_per_hour: Option<f64>,
+    pub max_touches: Option<usize>,
+    #[serde(default)]
+    pub sign: TouchSign,
+    pub birth_hits: Option<usize>,
+    pub birth_frames: Option<usize>,
+    pub forgiven_frames: Option<usize>,
+    pub relative_floor: Option<f64>,
+    pub prominence: Option<f64>,
+}
+
+/// `touch.sign`: which changes of conductivity are touches.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum TouchSign {
+    #[default]
+    Increase,
+    Decrease,
 }
 
 impl Scene {

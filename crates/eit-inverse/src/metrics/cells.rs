@@ -27,6 +27,36 @@ impl Cells<3> {
             neighbours: surface.neighbours().into_iter().map(across).collect(),
         }
     }
+
+    /// The masked pixels of a raster in space: each stands where the surface is above its centre,
+    /// and has the area of the skin that it covers as seen from +z (on a flat skin
+    /// [`Cells::<2>::of_raster`] with z = 0). `surface` is the one that the raster was made for.
+    ///
+    /// # Errors
+    /// [`InverseError::WrongLength`] for another surface.
+    pub fn of_raster_on(raster: &Raster, surface: &Surface) -> Result<Self, InverseError> {
+        let flat = Cells::<2>::of_raster(raster);
+        let operator = raster.pixel_from_element();
+        let triangles = surface.triangles().len();
+        check_length("triangles of the surface", triangles, operator.columns())?;
+        let centroids = surface.centroids();
+        // skin above a square metre of the plane
+        let steepness = |t: usize| {
+            let [a, b, c] = surface.corners(t);
+            let flat = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]);
+            surface.areas_m2()[t] / (0.5 * flat.abs())
+        };
+        let mut areas_m2 = flat.areas_m2;
+        let mut positions_m = Vec::with_capacity(areas_m2.len());
+        for (pixel, (area, [x, y])) in areas_m2.iter_mut().zip(flat.positions_m).enumerate() {
+            let (elements, weights) = operator.row(pixel);
+            let parts = || elements.iter().map(|&e| e as usize).zip(weights);
+            positions_m.push([x, y, parts().map(|(e, w)| w * centroids[e][2]).sum()]);
+            // triangles on edge cover nothing and have no weight
+            *area *= parts().filter(|(_, w)| **w > 0.0).map(|(e, w)| w * steepness(e)).sum::<f64>();
+        }
+        Ok(Self { areas_m2, positions_m, neighbours: flat.neighbours })
+    }
 }
 
 impl Cells<2> {
@@ -65,7 +95,7 @@ impl<const D: usize> Cells<D> {
     }
 
     /// Cells across the sides of a cell, which must exist.
-    pub(super) fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> {
+    pub(crate) fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> {
         self.neighbours[cell].into_iter().flatten().map(|n| n as usize)
     }
 
@@ -81,7 +111,7 @@ impl<const D: usize> Cells<D> {
     }
 
     /// Refuses images of another length.
-    pub(super) fn check(&self, what: &'static str, values: &[f64]) -> Result<(), InverseError> {
+    pub(crate) fn check(&self, what: &'static str, values: &[f64]) -> Result<(), InverseError> {
         check_length(what, values.len(), self.areas_m2.len())
     }
 
@@ -112,7 +142,7 @@ pub(super) fn distance_m<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
 }
 
 /// Refuses places that are not finite.
-pub(super) fn check_place<const D: usize>(
+pub(crate) fn check_place<const D: usize>(
     quantity: &'static str,
     place_m: &[f64; D],
 ) -> Result<(), InverseError> {

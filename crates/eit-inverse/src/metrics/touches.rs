@@ -3,6 +3,7 @@
 use super::cells::{Cells, check_place, distance_m};
 use super::{ChangeSign, sizes};
 use crate::InverseError;
+use crate::touch::Watershed;
 
 /// Most true touches of an image: the exact assignment keeps a table of `2^touches` entries for
 /// each blob (10 touches: 2 kB).
@@ -41,26 +42,15 @@ pub fn blobs<const D: usize>(
         return Err(InverseError::OutOfRange { quantity, value: level, must });
     }
     let Some((x, largest)) = sizes(values, sign) else { return Ok(Vec::new()) };
-    let mut waiting: Vec<bool> = x.iter().map(|x| *x >= level).collect();
+    let mut watershed = Watershed::new(x.len());
+    watershed.run(&x, cells, |k| x[k] >= level, |_, _| false);
     let mut blobs = Vec::new();
-    let mut members = Vec::new();
-    for start in 0..x.len() {
-        if !std::mem::take(&mut waiting[start]) {
-            continue;
-        }
-        members.clear();
-        members.push(start);
-        let mut seen = 0;
-        while let Some(&cell) = members.get(seen) {
-            seen += 1;
-            members.extend(cells.neighbours(cell).filter(|&n| std::mem::take(&mut waiting[n])));
-        }
-        let (centre_m, _) = cells.weighted_centre(members.iter().map(|&k| (k, x[k])));
-        let peak = largest * members.iter().map(|&k| x[k]).fold(0.0, f64::max);
-        let area_m2 = members.iter().map(|&k| cells.areas_m2()[k]).sum();
-        blobs.push(Blob { centre_m, peak, area_m2 });
+    for (hill, top) in watershed.hills() {
+        let members = || watershed.cells().filter(|&k| watershed.hill(k) == hill);
+        let (centre_m, _) = cells.weighted_centre(members().map(|k| (k, x[k])));
+        let area_m2 = members().map(|k| cells.areas_m2()[k]).sum();
+        blobs.push(Blob { centre_m, peak: largest * x[top], area_m2 });
     }
-    blobs.sort_by(|a, b| b.peak.total_cmp(&a.peak));
     Ok(blobs)
 }
 

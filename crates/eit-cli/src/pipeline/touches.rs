@@ -1,0 +1,146 @@
+//! Touches of a recording: one-step images above a noise floor, followed over time.
+
+use super::imaging::{prior, settings};
+use super::noise::{self, DataNoise};
+use super::{Imaging, Linearised, Setup, check_images, difference_data, raster};
+use crate::error::CliError;
+use crate::frames::Frames;
+use crate::progress::Progress;
+use crate::scene::{Scene, TouchSign};
+use eit_inverse::metrics::{Cells, ChangeSign};
+use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
+use eit_inverse::{Difference, HyperparameterChoice, NoiseTarget};
+
+/// Frames a second where nobody says.
+const DEFAULT_RATE_HZ: f64 = 20.0;
+
+/// Touches of all frames, and what they rest on.
+pub(crate) struct Touches {
+    /// Frame (from 0), its time in seconds, a touch of it.
+    pub rows: Vec<(usize, f64, Touch)>,
+    /// Where a touch begins, in standard deviations of the image.
+    pub threshold: f64,
+    /// Independent cells of the image at that level.
+    pub effective_cells: f64,
+    /// False touches per hour that noise may make.
+    pub false_alarms_per_hour: f64,
+    /// Frames a second that this was counted with.
+    pub rate_hz: f64,
+    /// Where the noise came from.
+    pub noise_source: String,
+}
+
+impl Touches {
+    /// How many different ones.
+    pub fn count(&self) -> usize {
+        self.rows.iter().filter(|row| row.2.state == TouchState::Begin).count()
+    }
+
+    /// Most at once.
+    pub fn most(&self) -> usize {
+        let frames = self.rows.chunk_by(|a, b| a.0 == b.0);
+        let alive = |rows: &[(usize, f64, Touch)]| {
+            rows.iter().filter(|row| row.2.state != TouchState::End).count()
+        };
+        frames.map(alive).max().unwrap_or(0)
+    }
+
+    /// Places seen from +z of each frame's valid touches, metres.
+    pub fn marks(&self, frames: usize) -> Vec<Vec<[f64; 2]>> {
+        let mut marks = vec![Vec::new(); frames];
+        for (frame, _, touch) in self.rows.iter().filter(|row| row.2.valid) {
+            marks[*frame].push([touch.position_m[0], touch.position_m[1]]);
+        }
+        marks
+    }
+}
+
+/// Finds touches in the one-step images of frames, whatever method makes the pictures: their noise
+/// is known cell by cell. `None` where the noise of the data is unknown. `gain` as in
+/// [`noise::known`].
+pub(crate) fn touches(
+    scene: &Scene,
+    (setup, linearised): (&Setup, &Linearised),
+    (frames, gain): (&Frames, f64),
+    progress: &mut Progress,
+) -> Result<Option<Touches>, CliError> {
+    let kind = scene.difference_kind(&setup.protocol);
+    let data = difference_data(kind, linearised);
+    let Some(noise) = noise::known(scene, frames, (&data, gain))? else { return Ok(None) };
+    let imaging = detector(scene, (setup, linearised), (frames, &noise), progress)?;
+    let rate_hz = frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
+    let settings = stream_settings(scene, rate_hz);
+    let stack = imaging.images(frames, progress)?;
+    progress.stage("touches", || {
+        let reconstructor = imaging.difference.on_raster(imaging.raster.pixel_from_element())?;
+        let floor = NoiseFloor::of_reconstruction(&reconstructor, &noise.std)?;
+        let cells = Cells::of_raster_on(&imaging.raster, setup.mesh.surface())?;
+        let mut stream = TouchStream::new(cells, floor, settings.clone())?;
+        let mut pixels = vec![0.0; imaging.raster.masked_pixels().len()];
+        let mut rows = Vec::new();
+        let (images, _) = stack.into_parts();
+        for (frame, image) in images.outer_iter().enumerate() {
+            imaging.raster.pixels_from_image_into(image, &mut pixels)?;
+            let time_s = frame as f64 / rate_hz;
+            let found = stream.push(&pixels, time_s)?;
+            rows.extend(found.iter().map(|touch| (frame, time_s, *touch)));
+        }
+        Ok(Some(Touches {
+            rows,
+            threshold: stream.threshold(),
+            effective_cells: stream.effective_cells(),
+            false_alarms_per_hour: settings.false_alarms_per_hour,
+            rate_hz,
+            noise_source: noise.source.clone(),
+        }))
+    })
+}
+
+/// Refuses a scene whose `[touch]` cannot be, before any work.
+pub(crate) fn check(scene: &Scene) -> Result<(), CliError> {
+    let settings = stream_settings(scene, DEFAULT_RATE_HZ);
+    settings.validate().map_err(|e| CliError::input(format!("touch: {e}")).within(&scene.place))
+}
+
+/// One-step reconstruction weighted by the noise, at noise figure 1: an image as noisy as its data.
+fn detector(
+    scene: &Scene,
+    (setup, linearised): (&Setup, &Linearised),
+    (frames, noise): (&Frames, &DataNoise),
+    progress: &mut Progress,
+) -> Result<Imaging, CliError> {
+    let kind = scene.difference_kind(&setup.protocol);
+    let mut settings = settings(scene, setup, linearised, &frames.used)?;
+    settings.noise_std = Some(noise.std.clone());
+    let prior = prior(scene, setup)?;
+    let (difference, chosen) = progress.stage("detector of touches", || {
+        let mut difference = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
+        let target = NoiseTarget::central(setup.mesh.surface(), &linearised.jacobian)?;
+        let figure = super::DEFAULT_NOISE_FIGURE;
+        let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
+        let chosen = difference.choose_hyperparameter(&choice)?;
+        Ok::<_, CliError>((difference, chosen))
+    })?;
+    let raster = raster(scene, setup, progress)?;
+    check_images(frames.values.nrows(), &raster)?;
+    Ok(Imaging { difference, chosen, rule: "noise figure 1".to_owned(), raster, kind })
+}
+
+fn stream_settings(scene: &Scene, frame_rate_hz: f64) -> TouchStreamSettings {
+    let (keys, default) = (&scene.touch, TouchStreamSettings::default());
+    TouchStreamSettings {
+        sign: match keys.sign {
+            TouchSign::Increase => ChangeSign::Increase,
+            TouchSign::Decrease => ChangeSign::Decrease,
+        },
+        false_alarms_per_hour: keys.false_alarms_per_hour.unwrap_or(default.false_alarms_per_hour),
+        frame_rate_hz,
+        max_touches: keys.max_touches.unwrap_or(default.max_touches),
+        birth_hits: keys.birth_hits.unwrap_or(default.birth_hits),
+        birth_frames: keys.birth_frames.unwrap_or(default.birth_frames),
+        forgiven_frames: keys.forgiven_frames.unwrap_or(default.forgiven_frames),
+        relative_floor: keys.relative_floor.unwrap_or(default.relative_floor),
+        prominence: keys.prominence.unwrap_or(default.prominence),
+        ..default
+    }
+}

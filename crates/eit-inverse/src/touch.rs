@@ -1,0 +1,41 @@
+//! Touches instead of pictures: contacts with a place, a strength and a name that stays.
+//!
+//! ```text
+//! image -> segment (above the noise floor, parted where two hills meet) -> track (who is who)
+//! frame -> fit (a few bells on the non-linear model): position to the statistical limit
+//! ```
+//!
+//! | file | holds |
+//! |---|---|
+//! | `contact.rs` | [`Touch`]: what is reported |
+//! | `noise.rs`, `normal.rs` | [`NoiseFloor`]: threshold at a stated rate of false touches |
+//! | `watershed.rs`, `segment.rs` | blobs of an image and where they are |
+//! | `assign.rs`, `filter.rs`, `track.rs` | optimal assignment, Kalman filter, names |
+//! | `stream.rs` | [`TouchStream`]: image in, touches out |
+//! | `skin.rs`, `bell.rs`, `fit.rs` | [`TouchFit`]: bells fitted to a frame, their number chosen |
+//! | `bound.rs` | [`cramer_rao`]: what no unbiased method can beat |
+//!
+//! [`TouchStream`] needs a linear image or quiet images and microseconds; [`TouchFit`] needs the
+//! forward model and some ten forward solves, and has no bias toward the rim.
+
+mod assign;
+mod bell;
+mod bound;
+mod contact;
+mod filter;
+mod fit;
+mod noise;
+mod normal;
+mod segment;
+mod skin;
+mod stream;
+mod track;
+mod watershed;
+
+pub use bell::Bell;
+pub use bound::{BellBound, Nuisance, cramer_rao};
+pub use contact::{Touch, TouchState};
+pub use fit::{FitResult, FitSettings, FitStatus, FittedTouch, TouchFit};
+pub use noise::{FalseAlarms, NoiseFloor};
+pub use stream::{TouchStream, TouchStreamSettings};
+pub(crate) use watershed::Watershed;

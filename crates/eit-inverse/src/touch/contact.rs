@@ -1,0 +1,61 @@
+//! What is reported of a touch.
+
+/// Where a touch is in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum TouchState {
+    /// Reported for the first time.
+    Begin,
+    /// Reported before.
+    Hold,
+    /// Reported for the last time: the touch has been missing for longer than is forgiven. Place
+    /// and strength are those of the last image that showed it.
+    End,
+}
+
+/// A contact on the skin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Touch {
+    /// Name, from 1, never used again.
+    pub id: u64,
+    /// Begin, hold or end.
+    pub state: TouchState,
+    /// Filtered position, metres. On a curved skin the filter works in space, so that a place
+    /// between two others may be off the surface by the sagitta of one step.
+    pub position_m: [f64; 3],
+    /// Covariance of the position, square metres: the image's noise and the filter's. What the
+    /// imaging method errs by (one-step images: outward, up to a tenth of the radius near a rim) is
+    /// not in it.
+    pub position_covariance_m2: [[f64; 3]; 3],
+    /// Velocity, metres per second.
+    pub velocity_m_s: [f64; 3],
+    /// Area in which the change is at least half of its peak, square metres.
+    pub area_m2: f64,
+    /// Integral of the conductivity change over that area, S m^2; with the sign of the change.
+    pub intensity_s_m2: f64,
+    /// Peak of the conductivity change, siemens (per square); with its sign.
+    pub peak_s: f64,
+    /// How sure it is that there is a touch now, 0 to 1: `(1 - p) h`, where `p` is the probability
+    /// that noise alone makes a peak as high anywhere in one image and `h` the share of the last
+    /// images (as many as a birth may take, fewer for young touches) that showed the touch. It
+    /// knows of noise alone, not of artefacts.
+    pub confidence: f64,
+    /// Images since [`TouchState::Begin`].
+    pub age_frames: u64,
+    /// Time since [`TouchState::Begin`], seconds.
+    pub age_s: f64,
+    /// Whether position and strength can be acted on: this image showed the touch, apart from all
+    /// others, and its position is known to
+    /// [`max_position_std_m`](crate::touch::TouchStreamSettings::max_position_std_m).
+    pub valid: bool,
+    /// The touch out of whose area this one came.
+    pub split_from: Option<u64>,
+    /// The touch in whose area this one has vanished; it may come back.
+    pub merged_into: Option<u64>,
+}
+
+impl Touch {
+    /// Standard deviation of each coordinate, metres.
+    pub fn position_std_m(&self) -> [f64; 3] {
+        std::array::from_fn(|i| self.position_covariance_m2[i][i].max(0.0).sqrt())
+    }
+}

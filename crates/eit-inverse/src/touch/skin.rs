@@ -1,0 +1,120 @@
+//! Places on a surface: the nearest one, and the plane that touches it there.
+
+use eit_mesh::Surface;
+use std::array::from_fn;
+
+type Point = [f64; 3];
+
+/// A place on a surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    pub(super) position_m: Point,
+    /// Of the point that was asked for.
+    pub(super) distance_m: f64,
+    /// Orthonormal directions in the surface; x and y on a flat skin.
+    pub(super) tangents: [Point; 2],
+}
+
+/// The nearest place of a surface; the first of equals. Takes time in proportion to the triangles.
+pub(super) fn nearest(surface: &Surface, point_m: Point) -> Place {
+    let (mut best, mut least, mut at) = (point_m, f64::INFINITY, 0);
+    for triangle in 0..surface.triangles().len() {
+        let candidate = nearest_in(surface.corners(triangle), point_m);
+        let squared = dot(minus(candidate, point_m), minus(candidate, point_m));
+        if squared < least {
+            (best, least, at) = (candidate, squared, triangle);
+        }
+    }
+    let [a, b, c] = surface.corners(at);
+    let normal = unit(cross(minus(b, a), minus(c, a)));
+    // x laid into the plane, or y where the plane is nearly across x
+    let axis = if normal[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
+    let along = dot(axis, normal);
+    let first = unit(from_fn(|i| axis[i] - along * normal[i]));
+    let tangents = [first, cross(normal, first)];
+    Place { position_m: best, distance_m: least.sqrt(), tangents }
+}
+
+/// The nearest point of a triangle (Ericson, *Real-Time Collision Detection* (2005), 5.1.5).
+fn nearest_in([a, b, c]: [Point; 3], p: Point) -> Point {
+    let (ab, ac, ap) = (minus(b, a), minus(c, a), minus(p, a));
+    let (d1, d2) = (dot(ab, ap), dot(ac, ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return a;
+    }
+    let bp = minus(p, b);
+    let (d3, d4) = (dot(ab, bp), dot(ac, bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return b;
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return along(a, ab, d1 / (d1 - d3));
+    }
+    let cp = minus(p, c);
+    let (d5, d6) = (dot(ab, cp), dot(ac, cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return c;
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return along(a, ac, d2 / (d2 - d6));
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 >= d3 && d5 >= d6 {
+        return along(b, minus(c, b), (d4 - d3) / ((d4 - d3) + (d5 - d6)));
+    }
+    let total = va + vb + vc;
+    from_fn(|i| a[i] + ab[i] * (vb / total) + ac[i] * (vc / total))
+}
+
+fn along(a: Point, direction: Point, t: f64) -> Point {
+    from_fn(|i| a[i] + t * direction[i])
+}
+
+fn minus(a: Point, b: Point) -> Point {
+    from_fn(|i| a[i] - b[i])
+}
+
+fn dot(a: Point, b: Point) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: Point, b: Point) -> Point {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn unit(a: Point) -> Point {
+    let length = dot(a, a).sqrt();
+    a.map(|x| x / length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::normal::Random;
+    use super::*;
+
+    #[test]
+    fn no_point_of_a_triangle_is_nearer() {
+        let mut random = Random::new(3);
+        for _ in 0..200 {
+            let mut point = || -> Point { from_fn(|_| random.normal()) };
+            let (corners, p) = ([point(), point(), point()], point());
+            let found = nearest_in(corners, p);
+            let distance = |q: Point| dot(minus(q, p), minus(q, p)).sqrt();
+            let mut least = f64::INFINITY;
+            for i in 0..=100 {
+                for j in 0..=100 - i {
+                    let (u, v) = (i as f64 / 100.0, j as f64 / 100.0);
+                    let q = from_fn(|k| {
+                        corners[0][k] * (1.0 - u - v) + corners[1][k] * u + corners[2][k] * v
+                    });
+                    least = least.min(distance(q));
+                }
+            }
+            // the grid's step is below 0.01 of edges below 8
+            assert!(distance(found) <= least + 1e-12, "{corners:?} {p:?}");
+            assert!(distance(found) >= least - 0.08, "{corners:?} {p:?}");
+        }
+    }
+}
