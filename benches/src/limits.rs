@@ -31,6 +31,22 @@ pub fn matmul_flop_per_s() -> Result<f64> {
     Ok(2.0 * (ORDER as f64).powi(3) / times.least_cpu_s)
 }
 
+/// The same in f32.
+///
+/// # Errors
+/// None of its own.
+pub fn matmul_f32_flop_per_s() -> Result<f64> {
+    let entry = |i: usize, j: usize| 1.0 / (1.0 + (i + 2 * j) as f32);
+    let (a, b) = (Mat::from_fn(ORDER, ORDER, entry), Mat::from_fn(ORDER, ORDER, entry));
+    let mut c = Mat::<f32>::zeros(ORDER, ORDER);
+    let times = median(REPEATS, || {
+        matmul(c.as_mut(), Accum::Replace, black_box(&a), black_box(&b), 1.0, Par::Seq);
+        black_box(&c);
+        Ok(())
+    })?;
+    Ok(2.0 * (ORDER as f64).powi(3) / times.least_cpu_s)
+}
+
 /// Bytes per second stored by a plain loop over `bytes` of memory that is used again and again.
 ///
 /// # Errors
