@@ -10,6 +10,9 @@ use faer::MatRef;
 /// caches: 32 rows of 24 frames are 3 kB in `f32`, of the basis 13 kB. A multiple of [`PANEL`].
 pub(crate) const BLOCK: usize = 32;
 
+/// Column and value of the entries of a row.
+type SparseRow = Vec<(u32, f64)>;
+
 /// The operators of one problem in one floating point type.
 ///
 /// Rows of the gradient are divided by the size of their group, and the radii of the dual balls
@@ -51,7 +54,7 @@ pub(crate) struct Group<T> {
 }
 
 impl<T: Scalar> Group<T> {
-    fn new(rows: &[Vec<(u32, f64)>]) -> Self {
+    fn new(rows: &[SparseRow]) -> Self {
         let first = rows.iter().flatten().next().map_or(0, |e| e.0);
         let mut this = Self { unknowns: [first; 3], weights: [[T::default(); 3]; 2] };
         let mut used = 0;
@@ -98,7 +101,7 @@ impl<T: Scalar> Rows<T> {
         self.starts.len() - 1
     }
 
-    fn from_rows(rows: &[Vec<(u32, f64)>]) -> Self {
+    fn from_rows(rows: &[SparseRow]) -> Self {
         let mut this = Self { starts: vec![0], columns: Vec::new(), values: Vec::new() };
         for row in rows {
             this.columns.extend(row.iter().map(|e| e.0));
@@ -126,7 +129,7 @@ impl<T: Scalar> Operators<T> {
         for (r, row) in rows.iter().enumerate() {
             row.iter().for_each(|&(p, v)| transposed[p as usize].push((r as u32, v)));
         }
-        let length = |row: &Vec<(u32, f64)>| row.iter().map(|e| e.1.abs()).sum::<f64>();
+        let length = |row: &SparseRow| row.iter().map(|e| e.1.abs()).sum::<f64>();
         let lengths: Vec<f64> = rows.iter().map(length).collect();
         // the largest row sum of |D'| |D|
         let norm_squared = transposed
@@ -151,12 +154,8 @@ impl<T: Scalar> Operators<T> {
 }
 
 /// See [`Ready`].
-fn ready(
-    rows: &[Vec<(u32, f64)>],
-    transposed: &[Vec<(u32, f64)>],
-    components: usize,
-) -> Vec<Ready> {
-    let last_group = |block: &[Vec<(u32, f64)>]| {
+fn ready(rows: &[SparseRow], transposed: &[SparseRow], components: usize) -> Vec<Ready> {
+    let last_group = |block: &[SparseRow]| {
         block.iter().flatten().map(|e| e.0 as usize / components + 1).max().unwrap_or(0)
     };
     let needed: Vec<usize> = transposed.chunks(BLOCK).map(last_group).collect();
@@ -175,15 +174,15 @@ fn ready(
         .collect()
 }
 
-fn last_unknown(group: &[Vec<(u32, f64)>]) -> usize {
+fn last_unknown(group: &[SparseRow]) -> usize {
     group.iter().flatten().map(|e| e.0 as usize).max().unwrap_or(0)
 }
 
 /// Rows divided by the size of their group, and the sizes: half the largest sum of absolute values
 /// of a row, which is 1 for differences of pixels. Groups are sorted by their last unknown.
-fn scaled_rows(gradient: &Gradient) -> (Vec<Vec<(u32, f64)>>, Vec<f64>) {
+fn scaled_rows(gradient: &Gradient) -> (Vec<SparseRow>, Vec<f64>) {
     let components = gradient.components();
-    let mut groups: Vec<(f64, Vec<Vec<(u32, f64)>>)> = (0..gradient.groups())
+    let mut groups: Vec<(f64, Vec<SparseRow>)> = (0..gradient.groups())
         .map(|group| {
             let own = group * components..(group + 1) * components;
             let half = |r: usize| 0.5 * gradient.row(r).1.iter().map(|v| v.abs()).sum::<f64>();
