@@ -7,7 +7,7 @@
 //! | `weights` | weights and quiet frames from the noise |
 //! | `settings` | what a caller states |
 //! | `task`, `run` | one sequence in inner units; the two runs that find image and proof |
-//! | `engine`, `fit`, `step` | one iteration: total variation; exact data step; step sizes |
+//! | `engine`, `sweep`, `fit`, `step` | one iteration: its state; its passes; the exact data step; step sizes |
 //! | `certificate`, `passes` | primal value and lower bound of any iterate |
 //! | `data`, `operators`, `laplacian` | what is computed once: compressed data, packed operators, a sparse factor |
 //! | `kernel`, `scalar` | inner loops along the frames, in `f32` or `f64` |
@@ -26,11 +26,12 @@ mod scalar;
 mod settings;
 mod step;
 mod stream;
+mod sweep;
 mod task;
 mod weights;
 mod window;
 
 pub use batch::StTv;
-pub use settings::{Fidelity, StTvSettings, Stop};
-pub use stream::{StTvStream, StreamSettings, StreamStep};
+pub use settings::{Fidelity, StTvSettings, Stop, StreamSettings};
+pub use stream::{StTvStream, StreamStep};
 pub use weights::{ChosenWeights, WeightPoint, WeightStatus, noise_std_of_quiet_frames};

@@ -30,24 +30,23 @@
 //! # Cost
 //! Per iteration `4 n h T` flops in two dense products (`n` unknowns, `h` the head's rank, `T`
 //! frames, padded to a multiple of 8) and 5 arrays of `n T` values, read, 4 of them written. For
-//! 64 x 64 x 20 (`n` = 3228, `h` = 72 of 104) that is 18.6 Mflop and 0.9 + 2.8 MB in `f32`.
+//! 64 x 64 x 20 (`n` = 3228, `h` = 56 of 104, 80 in a proof) that is 14.5 Mflop and 0.7 + 2.8 MB in
+//! `f32`.
 //! docs/PERFORMANCE.md has the measured time against that floor.
 //!
-//! Long because both halves of the iteration and their element-wise steps share one layout, and are
-//! inlined into one function.
+//! The passes themselves are in `sweep`.
 
-use super::kernel::{
-    LANES, PANEL, RANKS, add_row, add_scaled, analyse, lanes, row, row_mut, synthesise,
-};
-use super::operators::{BLOCK, Group, Operators};
+use super::kernel::{LANES, RANKS};
+use super::operators::{BLOCK, Operators};
 use super::scalar::Scalar;
-use pulp::{Arch, Simd, WithSimd};
+use super::sweep::{Analyse, Descend, Pull, Scaled, Sweep};
+use pulp::Arch;
 
 /// Over-relaxation.
-const RHO: f64 = 1.9;
+pub(super) const RHO: f64 = 1.9;
 
 /// Zeros before and after the arrays whose neighbours in time are read across row ends.
-const PAD: usize = LANES;
+pub(super) const PAD: usize = LANES;
 
 /// Iterations that share one force of the tail.
 pub(crate) const REFRESH: usize = 32;
@@ -79,26 +78,26 @@ pub(crate) struct State<T> {
     /// `p`; empty without bounds.
     pub(crate) bound_dual: Vec<T>,
     /// `w`, then `x^`, then `x-`, then the next `w`, with [`PAD`] values after.
-    work: Vec<T>,
+    pub(super) work: Vec<T>,
     /// `x^` of the last iteration that was asked to keep it.
     pub(crate) candidate: Vec<T>,
     /// `V' w`, then `c' - V' w`.
-    coefficients: Vec<T>,
+    pub(super) coefficients: Vec<T>,
     /// Those of the next `w` while they are summed.
-    next: Vec<T>,
+    pub(super) next: Vec<T>,
     /// Ranks below are the head, see the module.
     pub(crate) head: usize,
     /// Force of the tail, `V (s y)`, of blocks of unknowns; not used where there is no tail.
-    tail: Vec<T>,
+    pub(super) tail: Vec<T>,
     /// Iterations since the tail was brought up to date.
     pub(crate) age: usize,
     /// The primal step for which `work` holds `w` and `coefficients` its coefficients.
     prepared: Option<f64>,
     /// 1 for frames whose change to the next one counts, `[stride]`.
-    links: Vec<T>,
+    pub(super) links: Vec<T>,
     /// 1 for frames, 0 for padding, which has no bounds: it would leave zero where they exclude it,
     /// `[stride]`.
-    present: Vec<T>,
+    pub(super) present: Vec<T>,
 }
 
 impl<T: Scalar> State<T> {
@@ -237,346 +236,5 @@ impl<T: Scalar> State<T> {
         std::mem::swap(&mut self.coefficients, &mut self.next);
         self.prepared = Some(next_tau);
         self.age += 1;
-    }
-}
-
-/// [`Steps`] in the iteration's type.
-struct Scaled<T> {
-    sigma: T,
-    rho: T,
-    space: T,
-    time: T,
-    bounds: Option<[T; 2]>,
-}
-
-impl<T: Scalar> Scaled<T> {
-    fn new(steps: &Steps) -> Self {
-        Self {
-            sigma: T::from_f64(steps.sigma),
-            rho: T::from_f64(RHO),
-            space: T::from_f64(steps.lambda_space),
-            time: T::from_f64(steps.lambda_time),
-            bounds: steps.bounds.map(|b| b.map(T::from_f64)),
-        }
-    }
-}
-
-/// The tail's coefficients of the image.
-struct Analyse<'a, T> {
-    state: &'a mut State<T>,
-    ops: &'a Operators<T>,
-}
-
-impl<T: Scalar> WithSimd for Analyse<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { state, ops } = self;
-        let (rank, stride) = (ops.padded_rank, state.stride);
-        state.next.fill(T::default());
-        let blocks = ops.basis.chunks_exact(BLOCK / PANEL * rank);
-        for (basis, image) in blocks.zip(state.image.chunks_exact(BLOCK * stride)) {
-            analyse(basis, rank, state.head..rank, image, stride, &mut state.next);
-        }
-    }
-}
-
-/// The tail's force on all unknowns.
-struct Pull<'a, T> {
-    state: &'a mut State<T>,
-    ops: &'a Operators<T>,
-}
-
-impl<T: Scalar> WithSimd for Pull<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { state, ops } = self;
-        let rank = ops.padded_rank;
-        state.tail.fill(T::default());
-        let range = state.head..rank;
-        synthesise(&ops.basis, rank, range, &state.next, state.stride, &mut state.tail);
-    }
-}
-
-/// `w` and its coefficients, without an iteration before.
-struct Descend<'a, T> {
-    state: &'a mut State<T>,
-    ops: &'a Operators<T>,
-    tau: T,
-}
-
-impl<T: Scalar> WithSimd for Descend<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { state, ops, tau } = self;
-        state.next.fill(T::default());
-        for block in 0..ops.ready.len() {
-            descend(state, ops, block, tau);
-        }
-        std::mem::swap(&mut state.coefficients, &mut state.next);
-    }
-}
-
-/// `w` of a block, and its share of the coefficients.
-#[inline(always)]
-fn descend<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, block: usize, tau: T) {
-    let stride = state.stride;
-    let first = block * BLOCK;
-    for p in first..(first + BLOCK).min(ops.unknowns) {
-        step_down(state, ops, p, tau);
-    }
-    let basis = &ops.basis[first / PANEL * ops.padded_rank..];
-    let basis = &basis[..BLOCK / PANEL * ops.padded_rank];
-    let own = &state.work[first * stride..][..BLOCK * stride];
-    analyse(basis, ops.padded_rank, 0..state.head, own, stride, &mut state.next);
-}
-
-/// `w = x - tau (D' q + D_t' q_t + p + tail)` of an unknown.
-#[inline(always)]
-fn step_down<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, unknown: usize, tau: T) {
-    let stride = state.stride;
-    let at = unknown * stride;
-    let minus_tau = T::default() - tau;
-    let mut offset = 0;
-    while offset < stride {
-        offset += match stride - offset {
-            24.. => divergence::<T, 3>(state, ops, unknown, offset, minus_tau),
-            16.. => divergence::<T, 2>(state, ops, unknown, offset, minus_tau),
-            _ => divergence::<T, 1>(state, ops, unknown, offset, minus_tau),
-        };
-    }
-    let work = &mut state.work[at..at + stride];
-    if !state.time_dual.is_empty() {
-        // before the first frame stands the zero at the end of the row before; one after the other,
-        // since the compiler would shuffle two loads that overlap
-        add_scaled(tau, &state.time_dual[PAD + at..][..stride], work);
-        add_scaled(minus_tau, &state.time_dual[PAD + at - 1..][..stride], work);
-    }
-    if !state.bound_dual.is_empty() {
-        add_scaled(minus_tau, &state.bound_dual[at..][..stride], work);
-    }
-    if state.head < ops.padded_rank {
-        add_scaled(minus_tau, &state.tail[at..][..stride], work);
-    }
-}
-
-/// `w = x - tau D' q` of `B` blocks of frames; returns how many frames these are.
-#[inline(always)]
-fn divergence<T: Scalar, const B: usize>(
-    state: &mut State<T>,
-    ops: &Operators<T>,
-    unknown: usize,
-    offset: usize,
-    minus_tau: T,
-) -> usize {
-    let mut sums = [[T::default(); LANES]; B];
-    for (r, value) in ops.divergence.row(unknown) {
-        let duals = row(&state.dual, r * state.stride + offset, B * LANES);
-        for b in 0..B {
-            sums[b] = add_row(value, &duals[b], sums[b]);
-        }
-    }
-    let at = unknown * state.stride + offset;
-    let image = row(&state.image, at, B * LANES);
-    let work = row_mut(&mut state.work, at, B * LANES);
-    for b in 0..B {
-        work[b] = add_row(minus_tau, &sums[b], image[b]);
-    }
-    B * LANES
-}
-
-/// The image from the fitted coefficients, all duals, and the next `w` with its coefficients.
-struct Sweep<'a, T> {
-    state: &'a mut State<T>,
-    ops: &'a Operators<T>,
-    steps: &'a Scaled<T>,
-    next_tau: T,
-    keep: bool,
-}
-
-impl<T: Scalar> WithSimd for Sweep<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { state, ops, steps, next_tau, keep } = self;
-        state.next.fill(T::default());
-        let (mut groups, mut blocks) = (0, 0);
-        for (block, ready) in ops.ready.iter().enumerate() {
-            ascend(state, ops, steps, block, keep);
-            for group in groups..ready.groups {
-                if ops.components == 2 {
-                    pair_step(state, ops, steps, group);
-                } else {
-                    single_step(state, ops, steps, group);
-                }
-            }
-            for block in blocks..ready.blocks {
-                descend(state, ops, block, next_tau);
-            }
-            (groups, blocks) = (ready.groups, ready.blocks);
-        }
-    }
-}
-
-/// Image, and duals of time and bounds, of a block.
-#[inline(always)]
-fn ascend<T: Scalar>(
-    state: &mut State<T>,
-    ops: &Operators<T>,
-    steps: &Scaled<T>,
-    block: usize,
-    keep: bool,
-) {
-    let (stride, first) = (state.stride, block * BLOCK);
-    let own = first * stride..(first + BLOCK) * stride;
-    let basis = &ops.basis[first / PANEL * ops.padded_rank..];
-    let basis = &basis[..BLOCK / PANEL * ops.padded_rank];
-    let work = &mut state.work[own.clone()];
-    synthesise(basis, ops.padded_rank, 0..state.head, &state.coefficients, stride, work);
-    if keep {
-        state.candidate[own.clone()].copy_from_slice(work);
-    }
-    extrapolate(&mut state.image[own.clone()], work, steps.rho);
-    if let Some(bounds) = steps.bounds {
-        let duals = state.bound_dual[own.clone()].chunks_exact_mut(stride);
-        for (duals, row) in duals.zip(work.chunks_exact(stride)) {
-            bound_step(duals, row, &state.present, steps.sigma, bounds, steps.rho);
-        }
-    }
-    if !state.time_dual.is_empty() {
-        for p in first..(first + BLOCK).min(ops.unknowns) {
-            time_step(state, ops, steps, p);
-        }
-    }
-}
-
-/// `block` holds `x^`: sets it to `2 x^ - x` and relaxes `x`.
-#[inline(always)]
-fn extrapolate<T: Scalar>(image: &mut [T], block: &mut [T], rho: T) {
-    let images = image.as_chunks_mut::<LANES>().0;
-    for (x, b) in images.iter_mut().zip(block.as_chunks_mut::<LANES>().0) {
-        let change: [T; LANES] = lanes(|l| b[l] - x[l]);
-        *b = lanes(|l| b[l] + change[l]);
-        *x = lanes(|l| rho.mul_add(change[l], x[l]));
-    }
-}
-
-#[inline(always)]
-fn bound_step<T: Scalar>(
-    duals: &mut [T],
-    row: &[T],
-    present: &[T],
-    sigma: T,
-    bounds: [T; 2],
-    rho: T,
-) {
-    let duals = duals.as_chunks_mut::<LANES>().0;
-    let rows = row.as_chunks::<LANES>().0.iter().zip(present.as_chunks::<LANES>().0);
-    for (p, (b, present)) in duals.iter_mut().zip(rows) {
-        *p = lanes(|l| {
-            let up = sigma.mul_add(b[l], p[l]);
-            // zero between the bounds, without dividing by sigma
-            let new = (up - sigma * bounds[1]).max((up - sigma * bounds[0]).min(T::default()));
-            present[l] * rho.mul_add(new - p[l], p[l])
-        });
-    }
-}
-
-#[inline(always)]
-fn time_step<T: Scalar>(
-    state: &mut State<T>,
-    ops: &Operators<T>,
-    steps: &Scaled<T>,
-    unknown: usize,
-) {
-    let stride = state.stride;
-    let at = unknown * stride;
-    let here = row(&state.work, at, stride);
-    // what is read beyond the row's end has no link
-    let after = row(&state.work, at + 1, stride);
-    let links = row(&state.links, 0, stride);
-    let radius = steps.time * ops.time_radius[unknown];
-    let duals = row_mut(&mut state.time_dual, PAD + at, stride);
-    for ((q, links), (here, after)) in duals.iter_mut().zip(links).zip(here.iter().zip(after)) {
-        *q = lanes(|l| {
-            let limit = radius * links[l];
-            let up = steps.sigma.mul_add(after[l] - here[l], q[l]);
-            let new = up.min(limit).max(T::default() - limit);
-            steps.rho.mul_add(new - q[l], q[l])
-        });
-    }
-}
-
-/// Differences of a group, one array for each component.
-#[inline(always)]
-pub(crate) fn differences<T: Scalar>(group: &Group<T>, rows: [&[T; LANES]; 3]) -> [[T; LANES]; 2] {
-    // not by `map`: a closure inside it is compiled for the least of all machines
-    let component = |w: &[T; 3]| {
-        let first = lanes(|l| w[0] * rows[0][l]);
-        add_row(w[2], rows[2], add_row(w[1], rows[1], first))
-    };
-    [component(&group.weights[0]), component(&group.weights[1])]
-}
-
-/// The rows of a group's unknowns.
-#[inline(always)]
-fn group_rows<'a, T: Scalar>(
-    work: &'a [T],
-    group: &Group<T>,
-    stride: usize,
-) -> [&'a [[T; LANES]]; 3] {
-    group.unknowns.map(|p| row(work, p as usize * stride, stride))
-}
-
-#[inline(always)]
-fn pair_step<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, steps: &Scaled<T>, index: usize) {
-    let stride = state.stride;
-    let group = &ops.groups[index];
-    let radius = steps.space * ops.radius[index];
-    let [first, second, third] = group_rows(&state.work, group, stride);
-    let duals = &mut state.dual[2 * index * stride..][..2 * stride];
-    let (a, b) = duals.split_at_mut(stride);
-    let duals = a.as_chunks_mut::<LANES>().0.iter_mut().zip(b.as_chunks_mut::<LANES>().0);
-    for ((a, b), ((first, second), third)) in duals.zip(first.iter().zip(second).zip(third)) {
-        let [da, db] = differences(group, [first, second, third]);
-        let up_a = add_row(steps.sigma, &da, *a);
-        let up_b = add_row(steps.sigma, &db, *b);
-        let shrink = lanes(|l| {
-            let norm = up_a[l].mul_add(up_a[l], up_b[l] * up_b[l]).sqrt();
-            radius / norm.max(radius)
-        });
-        let relax = |up: [T; LANES], old: [T; LANES]| {
-            lanes(|l| steps.rho.mul_add(up[l] * shrink[l] - old[l], old[l]))
-        };
-        *a = relax(up_a, *a);
-        *b = relax(up_b, *b);
-    }
-}
-
-#[inline(always)]
-fn single_step<T: Scalar>(
-    state: &mut State<T>,
-    ops: &Operators<T>,
-    steps: &Scaled<T>,
-    index: usize,
-) {
-    let stride = state.stride;
-    let group = &ops.groups[index];
-    let radius = steps.space * ops.radius[index];
-    let [first, second, third] = group_rows(&state.work, group, stride);
-    let duals = row_mut(&mut state.dual, index * stride, stride);
-    for (q, ((first, second), third)) in duals.iter_mut().zip(first.iter().zip(second).zip(third)) {
-        let [d, _] = differences(group, [first, second, third]);
-        *q = lanes(|l| {
-            let up = steps.sigma.mul_add(d[l], q[l]);
-            let new = up.min(radius).max(T::default() - radius);
-            steps.rho.mul_add(new - q[l], q[l])
-        });
     }
 }

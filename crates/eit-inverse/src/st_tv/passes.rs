@@ -1,8 +1,8 @@
 //! The passes over all unknowns that value an iterate, in `f64`, along the frames.
 
-use super::engine::differences;
 use super::kernel::{LANES, PANEL, add_row, add_scaled, analyse, lanes, row, synthesise};
 use super::operators::{BLOCK, Operators};
+use super::sweep::differences;
 use pulp::{Simd, WithSimd};
 
 /// `V' x`.

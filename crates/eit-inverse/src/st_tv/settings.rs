@@ -111,3 +111,26 @@ impl Default for Stop {
         Self { target_gap: 1e-3, deadline: None, max_iterations: 20_000 }
     }
 }
+
+/// Settings of [`StTvStream`](crate::StTvStream).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StreamSettings {
+    /// Frames in the window, 1 or above. Windows are padded to a multiple of 8 frames inside: 8 or
+    /// 16 cost no more than 5 or 9.
+    pub window: usize,
+    /// The frame that is given out, counted back from the newest: 0 for the newest itself. A frame
+    /// that the window also saw the future of is steadier.
+    pub lag: usize,
+    /// Relative duality gap of the window that is good enough.
+    pub target_gap: f64,
+    /// Iterations for one frame at most, those for the certificate included.
+    pub max_iterations: usize,
+    /// Time for one frame at most.
+    pub deadline: Option<Duration>,
+}
+
+impl Default for StreamSettings {
+    fn default() -> Self {
+        Self { window: 8, lag: 3, target_gap: 1e-2, max_iterations: 2000, deadline: None }
+    }
+}

@@ -7,36 +7,13 @@ use super::certificate::Evaluation;
 use super::data::{Mode, ModeScratch, Target};
 use super::engine::State;
 use super::fit::{self, Memory};
-use super::settings::Fidelity;
+use super::settings::{Fidelity, StreamSettings};
 use super::step;
 use super::window::{Outcome, Which, Window};
 use super::{StTv, weights::quiet_threshold};
 use crate::data::{check_length, check_positive};
 use crate::{Certificate, InverseError, MovieStatus};
-use std::time::{Duration, Instant};
-
-/// Settings of [`StTvStream`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StreamSettings {
-    /// Frames in the window, 1 or above. Windows are padded to a multiple of 8 frames inside: 8 or
-    /// 16 cost no more than 5 or 9.
-    pub window: usize,
-    /// The frame that is given out, counted back from the newest: 0 for the newest itself. A frame
-    /// that the window also saw the future of is steadier.
-    pub lag: usize,
-    /// Relative duality gap of the window that is good enough.
-    pub target_gap: f64,
-    /// Iterations for one frame at most, those for the certificate included.
-    pub max_iterations: usize,
-    /// Time for one frame at most.
-    pub deadline: Option<Duration>,
-}
-
-impl Default for StreamSettings {
-    fn default() -> Self {
-        Self { window: 8, lag: 3, target_gap: 1e-2, max_iterations: 2000, deadline: None }
-    }
-}
+use std::time::Instant;
 
 /// What a push gave.
 #[derive(Debug, Clone, Copy, PartialEq)]
