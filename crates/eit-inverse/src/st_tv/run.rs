@@ -21,9 +21,11 @@ const LEAST_STEP: f64 = 1.0 / 15.0;
 const MEASURE_AT: [usize; 4] = [8, 16, 32, 64];
 /// First look at the image, and growth of the interval between looks: one costs two iterations.
 const FIRST_LOOK: usize = 32;
-const LOOK: f64 = 1.16;
-/// Growth of the interval between decisions whether to try a proof, and between looks at one.
 const GROWTH: f64 = 1.35;
+/// That growth where the objective falls by less than so many target gaps from one decision, whether
+/// to try a proof, to the next.
+const NEAR: f64 = 30.0;
+const NEAR_GROWTH: f64 = 1.08;
 /// Share of an image's iterations that its proof gets, and of the time under a deadline.
 const PROOF_SHARE: f64 = 0.4;
 /// Iterations between two looks at the clock.
@@ -125,6 +127,7 @@ impl<'a, T: Scalar> Run<'a, T> {
         let mut look = FIRST_LOOK;
         let mut last = f64::INFINITY;
         let (mut next_decision, mut next_proof) = (0, 0);
+        let mut growth = GROWTH;
         let status = loop {
             if self.best.gap() <= stop.target_gap {
                 break MovieStatus::Converged;
@@ -143,13 +146,15 @@ impl<'a, T: Scalar> Run<'a, T> {
             let ended = self.improve_image(look, image);
             let primal = self.keep_image();
             self.note();
-            look = (self.done as f64 * LOOK) as usize;
+            look = (self.done as f64 * growth) as usize;
             if !ended && self.done < next_decision {
                 continue;
             }
             next_decision = (self.done as f64 * GROWTH) as usize;
             let falling = (last - primal) / primal.abs();
             last = primal;
+            growth = if falling < NEAR * stop.target_gap { NEAR_GROWTH } else { GROWTH };
+            look = (self.done as f64 * growth) as usize;
             // the objective falls like a power of the iterations: what it still has to fall is
             // about what it fell since the last decision
             if ended || (falling < stop.target_gap && self.done >= next_proof) {
