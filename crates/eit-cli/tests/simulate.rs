@@ -45,6 +45,39 @@ fn simulated_frames_reconstruct_from_their_own_scene() {
     assert!((r - i).hypot(c - j) < 5.0, "truth ({r}, {c}), image ({i}, {j})");
 }
 
+/// Electrodes that move are no noise: weights that explained them, too, would fill the skin with
+/// blobs. The fingers must hold the image.
+#[test]
+fn total_variation_does_not_explain_moving_electrodes() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("random");
+    let arguments = ["simulate", "paper-disc", "--script", "random", "--out", text(&out)];
+    succeed(&[&arguments[..], &["--nodes", "2500", "--frames", "60"]].concat());
+    let truth: Array3<f64> = ndarray_npy::read_npy(out.join("truth_conductivity.npy")).unwrap();
+    let (scene, images) = (out.join("scene.toml"), folder.path().join("images"));
+    let run = ["reconstruct", text(&scene), "--method", "st-tv", "--out", text(&images), "--json"];
+    let json: Value = serde_json::from_str(&succeed(&run)).unwrap();
+    assert!(json["weights"]["rule"].as_str().unwrap().starts_with("corner"), "{}", json["weights"]);
+    let images: Array3<f64> = ndarray_npy::read_npy(images.join("images.npy")).unwrap();
+    // frame 50: three fingers, none near the rim. Pixels are 3 mm; fingers of 5 mm come out 10 mm
+    // wide, a pixel or two from their place
+    let near = |row: usize, column: usize| {
+        let bright = truth.index_axis(ndarray::Axis(0), 50);
+        let peak = bright.iter().filter(|v| v.is_finite()).fold(0.0_f64, |m, v| m.max(*v));
+        let mut cells = bright.indexed_iter().filter(|(_, v)| **v > 0.2 * peak);
+        cells.any(|((r, c), _)| (r as f64 - row as f64).hypot(c as f64 - column as f64) < 5.0)
+    };
+    let image = images.index_axis(ndarray::Axis(0), 50);
+    let (mut inside, mut all) = (0.0, 0.0);
+    for ((row, column), value) in image.indexed_iter().filter(|(_, v)| v.is_finite()) {
+        let square = value.max(0.0).powi(2);
+        all += square;
+        inside += if near(row, column) { square } else { 0.0 };
+    }
+    // found: 0.81; the weights of the discrepancy principle alone leave 0.2
+    assert!(inside > 0.7 * all, "only {:.2} of the image is at the fingers", inside / all);
+}
+
 /// The script that was run, run again from its file, gives the same frames.
 #[test]
 fn scripts_round_trip_through_files() {

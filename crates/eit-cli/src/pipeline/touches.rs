@@ -1,4 +1,5 @@
-//! Touches of a recording: one-step images above a noise floor, followed over time.
+//! Touches of a recording: one-step images above a noise floor, followed over time, against a
+//! reference that follows drift.
 
 use super::imaging::{prior, settings};
 use super::noise::{self, DataNoise};
@@ -6,10 +7,12 @@ use super::{Imaging, Linearised, Setup, check_images, difference_data, raster};
 use crate::error::CliError;
 use crate::frames::Frames;
 use crate::progress::Progress;
-use crate::scene::{Scene, TouchSign};
+use crate::scene::{DifferenceKind, Scene, TouchSign};
 use eit_inverse::metrics::{Cells, ChangeSign};
 use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
-use eit_inverse::{Difference, HyperparameterChoice, NoiseTarget};
+use eit_inverse::{
+    AdaptiveReference, Difference, HyperparameterChoice, NoiseTarget, ReferenceSettings,
+};
 
 /// Frames a second where nobody says.
 const DEFAULT_RATE_HZ: f64 = 20.0;
@@ -70,19 +73,30 @@ pub(crate) fn touches(
     let imaging = detector(scene, (setup, linearised), (frames, &noise), progress)?;
     let rate_hz = frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
     let settings = stream_settings(scene, rate_hz);
-    let stack = imaging.images(frames, progress)?;
     progress.stage("touches", || {
         let reconstructor = imaging.difference.on_raster(imaging.raster.pixel_from_element())?;
         let floor = NoiseFloor::of_reconstruction(&reconstructor, &noise.std)?;
         let cells = Cells::of_raster_on(&imaging.raster, setup.mesh.surface())?;
         let mut stream = TouchStream::new(cells, floor, settings.clone())?;
+        let mut drift = Drift::new(scene, kind, frames, &noise)?;
+        let mut workspace = reconstructor.workspace();
         let mut pixels = vec![0.0; imaging.raster.masked_pixels().len()];
         let mut rows = Vec::new();
-        let (images, _) = stack.into_parts();
-        for (frame, image) in images.outer_iter().enumerate() {
-            imaging.raster.pixels_from_image_into(image, &mut pixels)?;
+        let mut touched = false;
+        for frame in 0..frames.values.nrows() {
             let time_s = frame as f64 / rate_hz;
+            let values = frames.values.row(frame).to_vec();
+            let unusable = |&i: &usize| frames.used[i] && !frames.good[[frame, i]];
+            let bad: Vec<usize> = (0..frames.used.len()).filter(unusable).collect();
+            if bad.is_empty() {
+                drift.follow(&values, time_s, touched)?;
+            }
+            let memory = &mut workspace;
+            reconstructor
+                .reconstruct_without_into(&values, &drift.reference, &bad, memory, &mut pixels)
+                .map_err(|e| CliError::from(e).within(&format!("frame {frame}")))?;
             let found = stream.push(&pixels, time_s)?;
+            touched = found.iter().any(|touch| touch.state != TouchState::End);
             rows.extend(found.iter().map(|touch| (frame, time_s, *touch)));
         }
         Ok(Some(Touches {
@@ -98,8 +112,59 @@ pub(crate) fn touches(
 
 /// Refuses a scene whose `[touch]` cannot be, before any work.
 pub(crate) fn check(scene: &Scene) -> Result<(), CliError> {
-    let settings = stream_settings(scene, DEFAULT_RATE_HZ);
-    settings.validate().map_err(|e| CliError::input(format!("touch: {e}")).within(&scene.place))
+    let refuse = |e| CliError::input(format!("touch: {e}")).within(&scene.place);
+    stream_settings(scene, DEFAULT_RATE_HZ).validate().map_err(refuse)?;
+    reference_settings(scene).map_or(Ok(()), |settings| settings.validate().map_err(refuse))
+}
+
+/// The reference that drifts with the skin, over the used measurements.
+struct Drift {
+    /// `None`: it stands still.
+    adaptive: Option<AdaptiveReference>,
+    used: Vec<usize>,
+    /// Values of the used measurements.
+    values: Vec<f64>,
+    /// What to subtract now, `[measurement]`.
+    reference: Vec<f64>,
+}
+
+impl Drift {
+    fn new(
+        scene: &Scene,
+        kind: DifferenceKind,
+        frames: &Frames,
+        noise: &DataNoise,
+    ) -> Result<Self, CliError> {
+        let used: Vec<usize> = (0..frames.used.len()).filter(|&i| frames.used[i]).collect();
+        let values: Vec<f64> = used.iter().map(|&i| frames.reference[i]).collect();
+        let unit = |&i: &usize| match kind {
+            DifferenceKind::Plain => noise.std[i],
+            DifferenceKind::Normalised => noise.std[i] * frames.reference[i].abs(),
+        };
+        let std: Vec<f64> = used.iter().map(unit).collect();
+        let adaptive = reference_settings(scene)
+            .map(|settings| AdaptiveReference::with_noise(&values, &std, settings))
+            .transpose()?;
+        Ok(Self { adaptive, used, values, reference: frames.reference.clone() })
+    }
+
+    /// Takes a frame whose used values are all good.
+    fn follow(&mut self, frame: &[f64], time_s: f64, touched: bool) -> Result<(), CliError> {
+        let Some(adaptive) = &mut self.adaptive else { return Ok(()) };
+        self.values.iter_mut().zip(&self.used).for_each(|(value, &i)| *value = frame[i]);
+        adaptive.push(&self.values, time_s, touched)?;
+        for (&i, value) in self.used.iter().zip(adaptive.reference()) {
+            self.reference[i] = *value;
+        }
+        Ok(())
+    }
+}
+
+/// `None` where `touch.drift_time_s` is 0: the reference stands still.
+fn reference_settings(scene: &Scene) -> Option<ReferenceSettings> {
+    let default = ReferenceSettings::default();
+    let time_constant_s = scene.touch.drift_time_s.unwrap_or(default.time_constant_s);
+    (time_constant_s != 0.0).then_some(ReferenceSettings { time_constant_s, ..default })
 }
 
 /// One-step reconstruction weighted by the noise, at noise figure 1: an image as noisy as its data.

@@ -279,6 +279,9 @@ pub(crate) fn chosen_weights(
             chosen.residual * start.lambda_space / chosen.lambda_space,
             format!("model error, {:.1} times the noise", chosen.residual),
         ),
+        (WeightStatus::Flattened, _) => {
+            (1.0, format!("corner of the L-curve, {:.1} times the noise", chosen.residual))
+        }
         _ => (1.0, "discrepancy principle".to_owned()),
     };
     let lambda_space = SHARE * factor * chosen.lambda_space;

@@ -268,6 +268,7 @@ pub(crate) struct TouchKeys {
     pub forgiven_frames: Option<usize>,
     pub relative_floor: Option<f64>,
     pub prominence: Option<f64>,
+    pub drift_time_s: Option<f64>,
 }
 
 /// `touch.sign`: which changes of conductivity are touches.

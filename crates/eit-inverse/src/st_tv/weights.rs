@@ -14,6 +14,9 @@ const TRIAL_GAP: f64 = 3e-2;
 /// Factor between trials while the crossing is sought, and trials in each direction at most.
 const STRIDE: f64 = 4.0;
 const TRIALS: usize = 8;
+/// Derivative of the logarithm of the residual by that of the weight below which it is flat: a tenth
+/// less for a factor of 4.
+const FLAT: f64 = 0.075;
 /// Halvings of the last factor: to 1 part in 10.
 const HALVINGS: usize = 4;
 
@@ -59,6 +62,10 @@ pub fn noise_std_of_quiet_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>
 pub enum WeightStatus {
     /// The residual is that of the noise.
     Reached,
+    /// The residual hardly falls any more on its way to the noise: what is left there is an error of
+    /// the model (electrodes that moved), which smaller weights would fit with artefacts. The weight
+    /// is the corner of the L-curve, where that begins.
+    Flattened,
     /// Even the smallest weights tried leave more than the noise: the model does not explain the
     /// data, or the noise is larger than stated.
     AtLowerEdge,
@@ -127,6 +134,10 @@ impl StTv {
     /// of edge `length_m` from frame to frame then costs as much as one of its edges (no time term
     /// where `lambda_time` is 0 now).
     ///
+    /// Where the residual goes on falling, but by less than a tenth per factor of 4 in the weight,
+    /// from the corner of the L-curve to the noise, it is the model that does not explain the data:
+    /// then the weight of the corner is taken ([`WeightStatus::Flattened`]).
+    ///
     /// Looks at the 12 consecutive frames with the most signal, with about ten solves of low
     /// accuracy, from the weight at which the gradient's dual would just hold the noise.
     ///
@@ -156,6 +167,13 @@ impl StTv {
         let mut curve = trial.curve;
         curve.sort_by(|a, b| a.lambda_space.total_cmp(&b.lambda_space));
         let corner = corner(&curve);
+        let flattened = flattened(&curve, corner, lambda_space);
+        let (lambda_space, residual, status) = match (status, flattened) {
+            (WeightStatus::Reached, Some(corner)) => {
+                (corner.lambda_space, corner.residual_norm, WeightStatus::Flattened)
+            }
+            found => (lambda_space, residual, found.0),
+        };
         let lambda_time = ratio * lambda_space;
         self.set_weights(lambda_space, lambda_time, Fidelity::Penalised)?;
         let seconds = start.elapsed().as_secs_f64();
@@ -283,6 +301,16 @@ impl Trial<'_> {
         self.curve.push(WeightPoint { lambda_space, residual_norm, variation });
         Ok(residual_norm)
     }
+}
+
+/// The corner, where it lies far above the weight that was found and the residual between the two is
+/// flat.
+fn flattened(curve: &[WeightPoint], corner: Option<f64>, found: f64) -> Option<WeightPoint> {
+    let at = |lambda: f64| curve.iter().find(|point| point.lambda_space == lambda);
+    let (corner, found) = (at(corner?)?, at(found)?);
+    let ratio = corner.lambda_space / found.lambda_space;
+    let slope = (corner.residual_norm / found.residual_norm).ln() / ratio.ln();
+    (ratio >= STRIDE * STRIDE && slope < FLAT).then_some(*corner)
 }
 
 /// The trial at which the curve `(log residual, log variation)` turns most, if it turns towards the

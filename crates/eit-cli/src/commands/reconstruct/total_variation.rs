@@ -48,6 +48,7 @@ pub(crate) fn status_words(status: MovieStatus) -> &'static str {
 fn weight_words(status: WeightStatus) -> &'static str {
     match status {
         WeightStatus::Reached => "reached",
+        WeightStatus::Flattened => "the residual hardly falls below",
         WeightStatus::AtLowerEdge => "not reachable: more than noise is left at any weight",
         WeightStatus::AtUpperEdge => "not reachable: less than noise is left at any weight",
         _ => "see the documentation of this version",
@@ -209,6 +210,11 @@ fn notes(movie: &TvMovie) -> Vec<String> {
         Some(WeightStatus::AtLowerEdge) => notes.push(
             "no image explains the data to within the noise, so the weights follow from the error \
              of the model: check electrodes, contact impedance and reference if it seems large"
+                .to_owned(),
+        ),
+        Some(WeightStatus::Flattened) => notes.push(
+            "smaller weights would explain more of the data, but with artefacts: the model does not \
+             hold for it, as where electrodes move"
                 .to_owned(),
         ),
         Some(WeightStatus::AtUpperEdge) => notes.push(
