@@ -110,6 +110,10 @@ pub(crate) struct ReportArgs {
     /// Figures of merit over noise, speed and touches instead of error against time.
     #[arg(long)]
     pub quality: bool,
+    /// Touches instead of images: position error beside its bound, two-point discrimination, tracks,
+    /// GREIT figures, latency.
+    #[arg(long, conflicts_with = "quality")]
+    pub touches: bool,
 }
 
 /// `eit mesh`
