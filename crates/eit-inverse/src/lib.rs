@@ -14,8 +14,8 @@ mod reconstructor;
 mod reference;
 mod spectrum;
 mod st_tv;
-mod whitened;
 pub mod touch;
+mod whitened;
 
 pub use data::{DifferenceData, DifferenceSettings};
 pub use error::InverseError;

@@ -14,7 +14,7 @@ use crate::output::OutFolder;
 use crate::progress::Progress;
 
 /// Files of the three parts: each run removes those of the other that it does not make.
-const FILES: [&str; 11] = [
+const FILES: [&str; 14] = [
     "error_bell.png",
     "error_pad.png",
     "gap.png",
@@ -26,6 +26,9 @@ const FILES: [&str; 11] = [
     "touches.md",
     "touches.csv",
     "touches.json",
+    "position_centre.png",
+    "position_half.png",
+    "position_rim.png",
 ];
 
 /// Runs the race, the table of quality or the touch figures.
@@ -34,8 +37,8 @@ pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {
     let mut progress = Progress::default();
     let answer = if args.quality {
         quality::run(args.quick, &mut out, &mut progress)?
-    } else if args.touches {
-        touches::run(args.quick, &mut out, &mut progress)?
+    } else if !args.touches.is_empty() {
+        touches::run((&args.touches, args.quick), &mut out, &mut progress)?
     } else {
         race::run(args.quick, &mut out, &mut progress)?
     };

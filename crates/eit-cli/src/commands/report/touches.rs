@@ -1,11 +1,18 @@
 //! How well touches are found: position, discrimination, tracks, and how fast.
 
 mod eyes;
+mod greit;
 mod lab;
+mod latency;
+mod movement;
+mod pairs;
+mod plots;
 mod position;
 mod table;
+mod tracks;
 
 use super::Answer;
+use crate::cli::TouchPart;
 use crate::error::CliError;
 use crate::output::{OutFolder, io};
 use crate::progress::Progress;
@@ -23,33 +30,87 @@ struct Grid {
     places: usize,
     /// Trials of a ring and noise level.
     trials: usize,
+    /// Distances of two touches, metres, ascending.
+    distances_m: &'static [f64],
+    /// Trials of a distance.
+    pair_trials: usize,
+    /// Frames of a recording of fingers.
+    track_frames: usize,
+    /// Parts of the radius for the GREIT figures.
+    greit_radii: &'static [f64],
+    /// Frames of the measurement of time.
+    latency_frames: usize,
     pixels: usize,
 }
 
-const FULL: Grid = Grid { noise_db: &[40.0, 50.0, 60.0, 70.0], places: 5, trials: 100, pixels: 64 };
-const QUICK: Grid = Grid { noise_db: &[60.0], places: 2, trials: 6, pixels: 32 };
+const FULL: Grid = Grid {
+    noise_db: &[40.0, 50.0, 60.0, 70.0],
+    places: 5,
+    trials: 100,
+    distances_m: &[
+        0.008, 0.012, 0.016, 0.020, 0.026, 0.032, 0.038, 0.044, 0.052, 0.060, 0.070, 0.080, 0.095,
+        0.110, 0.130,
+    ],
+    pair_trials: 20,
+    track_frames: 300,
+    greit_radii: &[0.0, 0.2, 0.4, 0.6, 0.8, 0.9],
+    latency_frames: 2000,
+    pixels: 64,
+};
+const QUICK: Grid = Grid {
+    noise_db: &[60.0],
+    places: 2,
+    trials: 6,
+    distances_m: &[0.020, 0.040, 0.060, 0.080, 0.100],
+    pair_trials: 2,
+    track_frames: 90,
+    greit_radii: &[0.0, 0.6],
+    latency_frames: 80,
+    pixels: 32,
+};
 
-/// Measures everything and writes it.
+/// Measures the wanted parts and writes them.
 pub(super) fn run(
-    quick: bool,
+    (parts, quick): (&[TouchPart], bool),
     out: &mut OutFolder,
     progress: &mut Progress,
 ) -> Result<Answer, CliError> {
     let grid = if quick { QUICK } else { FULL };
+    let wants = |part| parts.contains(&TouchPart::All) || parts.contains(&part);
     let lab = Lab::new(grid.pixels, progress)?;
-    let cells = grid.noise_db.len() * lab::RINGS.len();
-    let errors =
-        progress.steps("positions", cells, |bar| position::measure(&lab, &grid, bar))?;
-    let tables = [position::table(&lab, &grid, &errors)];
+    let (levels, rings) = (grid.noise_db.len(), lab::RINGS.len());
+    let mut tables = Vec::new();
+    if wants(TouchPart::Position) {
+        let errors = progress
+            .steps("positions", levels * rings, |bar| position::measure(&lab, &grid, bar))?;
+        tables.push(position::table(&lab, &grid, &errors));
+        plots::draw(&errors, out)?;
+    }
+    if wants(TouchPart::Movement) {
+        let steps = movement::FABRICS * rings;
+        tables.push(progress.steps("movement", steps, |bar| movement::table(&lab, &grid, bar))?);
+    }
+    if wants(TouchPart::Pairs) {
+        let steps = levels * rings * METHODS.len();
+        let pairs = progress.steps("two points", steps, |bar| pairs::measure(&lab, &grid, bar))?;
+        tables.push(pairs::table(&grid, &pairs));
+    }
+    if wants(TouchPart::Tracks) {
+        let steps = tracks::MOST * (1 + levels);
+        tables.push(progress.steps("tracks", steps, |bar| tracks::table(&lab, &grid, bar))?);
+    }
+    if wants(TouchPart::Greit) {
+        let steps = grid.greit_radii.len() * greit::METHODS;
+        tables.push(progress.steps("greit", steps, |bar| greit::table(&lab, &grid, bar))?);
+    }
+    if wants(TouchPart::Latency) {
+        tables.push(progress.steps("latency", 2, |bar| latency::table(&lab, &grid, bar))?);
+    }
     write(&tables, out, progress)
 }
 
 /// Markdown, CSV and JSON of all tables.
-fn write(
-    tables: &[Table],
-    out: &mut OutFolder,
-    progress: &Progress,
-) -> Result<Answer, CliError> {
+fn write(tables: &[Table], out: &mut OutFolder, progress: &Progress) -> Result<Answer, CliError> {
     let sections: Vec<String> = tables.iter().map(Table::markdown).collect();
     let markdown = format!("# Touch figures\n\n{}", sections.join("\n"));
     out.write("touches.md", |w| w.write_all(markdown.as_bytes()).map_err(io))?;

@@ -4,7 +4,7 @@ use super::super::bench::{Entrant, Entry};
 use super::lab::{Lab, RADIUS_M, Random};
 use crate::error::CliError;
 use crate::method::Method;
-use crate::pipeline;
+use crate::pipeline::{self, Setup};
 use crate::scene::Rule;
 use eit_inverse::touch::{
     Bell, FitResult, FitSettings, NoiseFloor, Touch, TouchFit, TouchStream, TouchStreamSettings,
@@ -42,12 +42,16 @@ pub(super) struct Eyes<'a> {
 }
 
 impl<'a> Eyes<'a> {
-    /// For a noise level; `tracking` as the touch stream of a recording, else every image alone.
+    /// For a noise level, with the mesh that a fit of one touch then needs.
     pub fn new(lab: &'a Lab, noise_db: f64) -> Result<Self, CliError> {
+        Self::fitting_on(lab, noise_db, lab.fitting(noise_db))
+    }
+
+    /// For a noise level and a mesh to fit on.
+    pub fn fitting_on(lab: &'a Lab, noise_db: f64, setup: &'a Setup) -> Result<Self, CliError> {
         let noise_std_v = lab.noise_std_v(noise_db);
         let (one_step, floor) = one_step(lab, noise_std_v)?;
         let stream = TouchStream::new(lab.cells.clone(), floor, every_image_alone())?;
-        let setup = lab.fitting(noise_db);
         let sheet = vec![lab.sheet_s(); setup.model.elements()];
         let settings = FitSettings::with_noise(vec![noise_std_v; lab.reference_v.len()]);
         let fit = TouchFit::new(&setup.model, setup.mesh.surface(), &sheet, settings)?;
@@ -64,11 +68,7 @@ impl<'a> Eyes<'a> {
     }
 
     /// Touches of a one-step image, the strongest first.
-    pub fn one_step(
-        &mut self,
-        frame: &[f64],
-        reference: &[f64],
-    ) -> Result<Vec<Touch>, CliError> {
+    pub fn one_step(&mut self, frame: &[f64], reference: &[f64]) -> Result<Vec<Touch>, CliError> {
         let image = &mut self.pixels;
         self.one_step.reconstruct_into(frame, reference, &mut self.workspace, image)?;
         strongest_first(&self.one_step_touches, image)
@@ -76,8 +76,7 @@ impl<'a> Eyes<'a> {
 
     /// Chooses the weights of ST-TV on frames, and measures its noise with them.
     pub fn open_tv(&mut self, frames: Array2<f64>, reference: &[f64]) -> Result<(), CliError> {
-        let solver = total_variation(self.lab, frames, reference, self.noise_std_v)?;
-        let mut solver = solver;
+        let mut solver = total_variation(self.lab, frames, reference, self.noise_std_v)?;
         let mut random = Random::new(5, 0);
         let mut images = Array2::zeros((QUIET, self.pixels.len()));
         let jitter = JITTER * super::lab::AMPLITUDE * self.lab.sheet_s();

@@ -75,7 +75,8 @@ impl Table {
                 Cell::Text(text) => text.parse::<f64>().map_or_else(|_| json!(text), Value::from),
                 Cell::Number(value, _) => json!(value),
             };
-            let pairs = self.columns.iter().zip(row).map(|(c, cell)| ((*c).to_owned(), value(cell)));
+            let pairs =
+                self.columns.iter().zip(row).map(|(c, cell)| ((*c).to_owned(), value(cell)));
             Value::Object(pairs.collect::<Map<_, _>>())
         };
         let rows: Vec<Value> = self.rows.iter().map(of_row).collect();
