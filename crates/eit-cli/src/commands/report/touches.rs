@@ -41,6 +41,8 @@ struct Grid {
     /// Frames of the measurement of time.
     latency_frames: usize,
     pixels: usize,
+    /// Quiet frames for the noise of ST-TV images.
+    quiet: usize,
 }
 
 const FULL: Grid = Grid {
@@ -56,17 +58,19 @@ const FULL: Grid = Grid {
     greit_radii: &[0.0, 0.2, 0.4, 0.6, 0.8, 0.9],
     latency_frames: 2000,
     pixels: 64,
+    quiet: 60,
 };
 const QUICK: Grid = Grid {
     noise_db: &[60.0],
     places: 2,
-    trials: 6,
-    distances_m: &[0.020, 0.040, 0.060, 0.080, 0.100],
+    trials: 4,
+    distances_m: &[0.030, 0.060, 0.090],
     pair_trials: 2,
     track_frames: 90,
     greit_radii: &[0.0, 0.6],
     latency_frames: 80,
     pixels: 32,
+    quiet: 20,
 };
 
 /// Measures the wanted parts and writes them.
@@ -77,7 +81,7 @@ pub(super) fn run(
 ) -> Result<Answer, CliError> {
     let grid = if quick { QUICK } else { FULL };
     let wants = |part| parts.contains(&TouchPart::All) || parts.contains(&part);
-    let lab = Lab::new(grid.pixels, progress)?;
+    let lab = Lab::new((grid.pixels, grid.quiet), progress)?;
     let (levels, rings) = (grid.noise_db.len(), lab::RINGS.len());
     let mut tables = Vec::new();
     if wants(TouchPart::Position) {

@@ -15,9 +15,6 @@ use eit_inverse::{
 };
 use ndarray::{Array2, ArrayView1};
 
-/// Quiet frames that the noise of ST-TV images is measured on.
-const QUIET: usize = 60;
-
 /// Noise added to those images, relative to the peak of a touch: most of their pixels are exactly
 /// zero, and no deviation may be.
 const JITTER: f64 = 1e-3;
@@ -78,7 +75,7 @@ impl<'a> Eyes<'a> {
     pub fn open_tv(&mut self, frames: Array2<f64>, reference: &[f64]) -> Result<(), CliError> {
         let mut solver = total_variation(self.lab, frames, reference, self.noise_std_v)?;
         let mut random = Random::new(5, 0);
-        let mut images = Array2::zeros((QUIET, self.pixels.len()));
+        let mut images = Array2::zeros((self.lab.quiet, self.pixels.len()));
         let jitter = JITTER * super::lab::AMPLITUDE * self.lab.sheet_s();
         for mut row in images.rows_mut() {
             let quiet = random.noisy(reference, self.noise_std_v);

@@ -35,20 +35,22 @@ pub(super) struct Lab {
     pub fine_fit: Setup,
     /// The pixels in space.
     pub cells: Cells<3>,
+    /// Quiet frames that the noise of ST-TV images is measured on, 20 or more.
+    pub quiet: usize,
     /// Voltages of the untouched skin on the mesh of the data, volt.
     pub reference_v: Vec<f64>,
 }
 
 impl Lab {
     /// The paper's skin.
-    pub fn new(pixels: usize, progress: &mut Progress) -> Result<Self, CliError> {
+    pub fn new((pixels, quiet): (usize, usize), progress: &mut Progress) -> Result<Self, CliError> {
         let bench = Bench::new(pixels, progress)?;
         let data = pipeline::setup(&bench.scene, None, Some(DATA_NODES), progress)?;
         let fine_fit = pipeline::setup(&bench.scene, None, Some(FINE_FIT_NODES), progress)?;
         let sheet = vec![bench.scene.skin.conductivity_s; data.model.elements()];
         let reference_v = data.model.forward(&sheet)?.to_vec();
         let cells = Cells::of_raster_on(&bench.raster, bench.setup.mesh.surface())?;
-        Ok(Self { bench, data, fine_fit, cells, reference_v })
+        Ok(Self { bench, data, fine_fit, cells, quiet, reference_v })
     }
 
     /// Radius of the skin, metres.

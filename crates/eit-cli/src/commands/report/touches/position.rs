@@ -172,7 +172,7 @@ pub(super) fn table(lab: &Lab, grid: &Grid, all: &[Errors]) -> Table {
              error at the bound; below 1 where few are found, those that noise has helped). \
              Found: the strongest touch is within {:.0} mm; errors are those of the found. \
              Elsewhere: it is farther. Images: above the noise floor of one false touch an hour at \
-             20 Hz, of ST-TV measured on 60 quiet frames; fit: Schwarz's criterion asks for it. \
+             20 Hz, of ST-TV measured on {} quiet frames; fit: Schwarz's criterion asks for it. \
              ST-TV of a single frame, never below 0.",
             all.first().map_or(0, |e| e.trials),
             grid.places,
@@ -181,6 +181,7 @@ pub(super) fn table(lab: &Lab, grid: &Grid, all: &[Errors]) -> Table {
             lab.bench.setup.mesh.surface().nodes().len(),
             lab.fine_fit.mesh.surface().nodes().len(),
             1e3 * WITHIN_M,
+            lab.quiet,
         ),
         columns: vec![
             "ring",
