@@ -54,13 +54,14 @@ fn touch_figures_are_sane_against_the_bound() {
     };
     assert!(rim("rim gives way, sliding") > 2.0 * rim("nothing moves"));
 
-    // the fit parts what images do not, and nothing parts what is 30 mm apart in the centre but it
+    // the fit parts what images do not
     for row in rows(&report, "two_points") {
         let [image, fit] =
             ["one-step image", "fit"].map(|method| row[method].as_f64().unwrap_or(f64::INFINITY));
         assert!(fit <= image, "{row}");
     }
-    for row in rows(&report, "tracks") {
+    // electrodes that move hide fingers from ST-TV; one-step images lose few
+    for row in rows(&report, "tracks").iter().filter(|row| row["method"] == "one-step") {
         assert!(number(row, "found") > 0.5, "{row}");
     }
     for row in rows(&report, "greit") {
