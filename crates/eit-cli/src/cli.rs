@@ -110,6 +110,31 @@ pub(crate) struct ReportArgs {
     /// Figures of merit over noise, speed and touches instead of error against time.
     #[arg(long)]
     pub quality: bool,
+    /// Touches instead of images: position error beside its bound, moving electrodes, two-point
+    /// discrimination, tracks, GREIT figures, latency; or the parts named, as in
+    /// --touches=position,pairs.
+    #[arg(long, conflicts_with = "quality", value_name = "PARTS", value_delimiter = ',')]
+    #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "all")]
+    pub touches: Vec<TouchPart>,
+}
+
+/// Parts of `eit report --touches`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(crate) enum TouchPart {
+    /// Every part.
+    All,
+    /// Position error of one touch beside its bound.
+    Position,
+    /// The same when electrodes move.
+    Movement,
+    /// Two-point discrimination.
+    Pairs,
+    /// Fingers followed over time.
+    Tracks,
+    /// GREIT figures of merit.
+    Greit,
+    /// Time from a frame to its touches.
+    Latency,
 }
 
 /// `eit mesh`

@@ -1,10 +1,11 @@
-//! `eit report`: error against run time of every method, and their quality over noise, all on
-//! simulated touches of the built-in skin and all from one run.
+//! `eit report`: error against run time of every method, their quality over noise, and how well
+//! touches are found, all on simulated touches of the built-in skin and all from one run.
 
 mod bench;
 mod quality;
 mod race;
 mod scores;
+mod touches;
 
 use super::Answer;
 use crate::cli::ReportArgs;
@@ -12,8 +13,8 @@ use crate::error::CliError;
 use crate::output::OutFolder;
 use crate::progress::Progress;
 
-/// Files of the two parts: each run removes those of the other that it does not make.
-const FILES: [&str; 8] = [
+/// Files of the three parts: each run removes those of the other that it does not make.
+const FILES: [&str; 14] = [
     "error_bell.png",
     "error_pad.png",
     "gap.png",
@@ -22,14 +23,22 @@ const FILES: [&str; 8] = [
     "report.json",
     "quality.md",
     "quality.csv",
+    "touches.md",
+    "touches.csv",
+    "touches.json",
+    "position_centre.png",
+    "position_half.png",
+    "position_rim.png",
 ];
 
-/// Runs the race, or the table of quality.
+/// Runs the race, the table of quality or the touch figures.
 pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {
     let mut out = OutFolder::new(&args.out)?;
     let mut progress = Progress::default();
     let answer = if args.quality {
         quality::run(args.quick, &mut out, &mut progress)?
+    } else if !args.touches.is_empty() {
+        touches::run((&args.touches, args.quick), &mut out, &mut progress)?
     } else {
         race::run(args.quick, &mut out, &mut progress)?
     };

@@ -118,6 +118,14 @@ impl<'a> Entry<'a> {
         }
     }
 
+    /// The solver of total variation with its weights; `None` for other methods.
+    pub fn into_tv(self) -> Option<StTv> {
+        match self.runner {
+            Runner::Tv(solver) => Some(*solver),
+            Runner::Sequence(_) => None,
+        }
+    }
+
     fn total_variation(
         bench: &'a Bench,
         scene: &Scene,

@@ -1,0 +1,287 @@
+//! Robot presses on real hydrogel skins: one turn, mirror and scale are fitted on 100 presses (and,
+//! in a second row, the noise figure chosen on them), everything else is the model's; errors are
+//! those of the other presses.
+//!
+//! Every number printed here stands in `docs/VALIDATION.md`. The data is read in place.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "tests"
+)]
+
+use eit_fem::{ForwardModel, Protocol};
+use eit_inverse::metrics::{Cells, ChangeSign, blobs};
+use eit_inverse::{
+    Difference, DifferenceSettings, HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget,
+    Reconstructor,
+};
+use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
+use ndarray::{Array2, Axis};
+use std::f64::consts::TAU;
+use std::path::Path;
+
+/// Presses that turn, mirror and scale are fitted on.
+const FITTED: usize = 100;
+
+/// Radius of the model; the true one goes into the scale.
+const RADIUS_M: f64 = 0.1;
+
+/// A skin of 16 electrodes, driven as the recordings are.
+struct Skin {
+    mesh: Mesh,
+    /// Voltages of the untouched model.
+    voltages: Vec<f64>,
+    cells: Cells<2>,
+    raster: Raster,
+    jacobian: Array2<f64>,
+}
+
+/// Quadruples of a folder; its file has electrode numbers times two.
+fn quadruples(folder: &Path) -> Vec<[u32; 4]> {
+    let text = std::fs::read_to_string(folder.join("quadruples_192.csv")).unwrap();
+    let line = |line: &str| {
+        let codes: Vec<u32> = line.split(',').map(|c| c.trim().parse::<u32>().unwrap()).collect();
+        assert!(codes.len() == 4 && codes.iter().all(|code| code % 2 == 0), "{line}");
+        [0, 1, 2, 3].map(|k| codes[k] / 2)
+    };
+    text.lines().map(line).collect()
+}
+
+fn values(folder: &Path, name: &str) -> Array2<f64> {
+    let path = folder.join(name);
+    // singles or doubles
+    match ndarray_npy::read_npy::<_, Array2<f32>>(&path) {
+        Ok(singles) => singles.mapv(f64::from),
+        Err(_) => ndarray_npy::read_npy(&path).unwrap(),
+    }
+}
+
+fn skin(folder: &Path) -> Skin {
+    let shape = SkinShape::Disc { radius_m: RADIUS_M };
+    // widths and contacts are stated nowhere: a tenth of the rim in all, good contacts
+    let electrodes = RimElectrodes::equally_spaced(16, 0.004);
+    let mesh = generate(&shape, &electrodes, &MeshSettings::with_edge(0.008)).unwrap();
+    let protocol = Protocol::from_quadruples(16, &quadruples(folder), 1.0).unwrap();
+    let model = ForwardModel::new(&mesh, &protocol, &[1e-3; 16]).unwrap();
+    let sheet = vec![1.0; model.elements()];
+    let mut workspace = model.workspace().unwrap();
+    let mut solution = model.solve(&sheet, &mut workspace).unwrap();
+    let (voltages, jacobian) = (solution.measurements().to_vec(), solution.jacobian());
+    let raster = Raster::new(mesh.surface(), 40).unwrap();
+    Skin { cells: Cells::of_raster(&raster), mesh, voltages, raster, jacobian }
+}
+
+impl Skin {
+    /// Frames of the model whose changes are those of magnitudes, `[press, measurement]`, on a
+    /// scale of their own: a magnitude changes with the sign of its voltage, and the unit of the
+    /// instrument is unknown.
+    fn changed(&self, changes: &Array2<f64>) -> Vec<(Vec<f64>, Vec<f64>)> {
+        let sizes: Vec<f64> = changes.rows().into_iter().flatten().map(|c| c.abs()).collect();
+        let voltages: Vec<f64> = self.voltages.iter().map(|v| v.abs()).collect();
+        let unit = 0.01 * quantile(&voltages, 0.5) / quantile(&sizes, 0.9);
+        let frame = |row: ndarray::ArrayView1<'_, f64>| {
+            let parts = self.voltages.iter().zip(row);
+            let frame = parts.map(|(v, change)| v + v.signum() * unit * change).collect();
+            (frame, self.voltages.clone())
+        };
+        changes.rows().into_iter().map(frame).collect()
+    }
+
+    /// One-step images at a noise figure.
+    fn one_step(&self, figure: f64) -> Reconstructor {
+        let prior = Laplace::new(self.mesh.surface(), &LaplaceSettings::default()).unwrap();
+        let settings = DifferenceSettings::default();
+        let mut difference = Difference::new(&self.jacobian, &prior, settings).unwrap();
+        let target = NoiseTarget::central(self.mesh.surface(), &self.jacobian).unwrap();
+        let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
+        difference.choose_hyperparameter(&choice).unwrap();
+        difference.on_raster(self.raster.pixel_from_element()).unwrap()
+    }
+
+    /// Places of the strongest change of each frame, for both signs.
+    fn places(&self, frames: &[(Vec<f64>, Vec<f64>)], figure: f64) -> [Vec<[f64; 2]>; 2] {
+        let reconstructor = self.one_step(figure);
+        let mut workspace = reconstructor.workspace();
+        let mut image = vec![0.0; reconstructor.image_len()];
+        let mut places = [Vec::new(), Vec::new()];
+        for (frame, reference) in frames {
+            reconstructor.reconstruct_into(frame, reference, &mut workspace, &mut image).unwrap();
+            for (sign, places) in
+                [ChangeSign::Increase, ChangeSign::Decrease].into_iter().zip(&mut places)
+            {
+                let found = blobs(&image, &self.cells, sign, 0.5).unwrap();
+                places.push(found.first().map_or([0.0; 2], |blob| blob.centre_m));
+            }
+        }
+        places
+    }
+}
+
+/// Turn, mirror and scale from the image to the robot, about the skin's centre.
+#[derive(Debug, Clone, Copy)]
+struct Map {
+    angle: f64,
+    mirror: f64,
+    scale: f64,
+}
+
+impl Map {
+    fn apply(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let (sin, cos) = self.angle.sin_cos();
+        let y = self.mirror * y;
+        [self.scale * (cos * x - sin * y), self.scale * (sin * x + cos * y)]
+    }
+
+    /// The best of a grid by the mean distance, which outliers do not rule.
+    fn fit(found: &[[f64; 2]], truth: &[[f64; 2]]) -> (Self, f64) {
+        let mut best = (Self { angle: 0.0, mirror: 1.0, scale: 1.0 }, f64::INFINITY);
+        let largest = |places: &[[f64; 2]]| {
+            let mut sizes: Vec<f64> = places.iter().map(|p| p[0].hypot(p[1])).collect();
+            sizes.sort_by(f64::total_cmp);
+            sizes[sizes.len() / 2]
+        };
+        let unit = largest(truth) / largest(found).max(1e-9);
+        let mut attempt = |map: Self| {
+            let mean = mean(&map.errors(found, truth));
+            if mean < best.1 {
+                best = (map, mean);
+            }
+        };
+        // coarse, then fine around the best
+        for mirror in [1.0, -1.0] {
+            for turn in 0..72 {
+                for size in 0..12 {
+                    let scale = unit * (0.4 + 0.1 * f64::from(size));
+                    attempt(Self { angle: TAU * f64::from(turn) / 72.0, mirror, scale });
+                }
+            }
+        }
+        let (coarse, _) = best;
+        for turn in -10..=10 {
+            for size in -10..=10 {
+                let angle = coarse.angle + 0.5_f64.to_radians() * f64::from(turn);
+                let scale = coarse.scale + 0.01 * unit * f64::from(size);
+                let map = Self { angle, scale, ..coarse };
+                let mean = mean(&map.errors(found, truth));
+                if mean < best.1 {
+                    best = (map, mean);
+                }
+            }
+        }
+        best
+    }
+
+    fn errors(&self, found: &[[f64; 2]], truth: &[[f64; 2]]) -> Vec<f64> {
+        let error = |(found, truth): (&[f64; 2], &[f64; 2])| {
+            let place = self.apply(*found);
+            (place[0] - truth[0]).hypot(place[1] - truth[1])
+        };
+        found.iter().zip(truth).map(error).collect()
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+fn quantile(values: &[f64], part: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted[(part * (sorted.len() - 1) as f64).round() as usize]
+}
+
+/// Every k-th press, so that the fitted ones are spread over the session; and the others.
+fn split<T: Copy>(all: &[T]) -> [Vec<T>; 2] {
+    let step = all.len() / FITTED;
+    let is_fitted = |k: usize| k % step == 0 && k / step < FITTED;
+    [true, false]
+        .map(|wanted| (0..all.len()).filter(|&k| is_fitted(k) == wanted).map(|k| all[k]).collect())
+}
+
+/// Errors of the presses that nothing was fitted on, metres; of the sign that fits the 100 better.
+fn judge(name: &str, found: &[Vec<[f64; 2]>], truth: &[[f64; 2]]) -> Vec<f64> {
+    let [fitted, others] = split(truth);
+    let mut best: Option<(f64, Map, &Vec<[f64; 2]>)> = None;
+    for places in found {
+        let (map, mean) = Map::fit(&split(places)[0], &fitted);
+        if best.as_ref().is_none_or(|(old, ..)| mean < *old) {
+            best = Some((mean, map, places));
+        }
+    }
+    let (_, map, places) = best.unwrap();
+    let errors = map.errors(&split(places)[1], &others);
+    let nothing = others.iter().map(|p| p[0].hypot(p[1])).collect::<Vec<_>>();
+    println!(
+        "{name}: {} presses, median {:.1} mm, mean {:.1} mm, 95 % {:.1} mm (always the centre: mean \
+         {:.1} mm); turn {:.0} degrees, mirror {}, scale {:.2}",
+        errors.len(),
+        1e3 * quantile(&errors, 0.5),
+        1e3 * mean(&errors),
+        1e3 * quantile(&errors, 0.95),
+        1e3 * mean(&nothing),
+        map.angle.to_degrees(),
+        map.mirror,
+        map.scale
+    );
+    errors
+}
+
+/// Errors at noise figure 1, and at the one that serves the fitted presses best.
+fn both(
+    skin: &Skin,
+    name: &str,
+    frames: &[(Vec<f64>, Vec<f64>)],
+    truth: &[[f64; 2]],
+) -> [Vec<f64>; 2] {
+    let fitted = &split(truth)[0];
+    let least = |places: &[Vec<[f64; 2]>; 2]| {
+        let means = places.iter().map(|places| Map::fit(&split(places)[0], fitted).1);
+        means.fold(f64::INFINITY, f64::min)
+    };
+    let tried = [0.05, 0.1, 0.2, 0.5, 1.0].map(|figure| (figure, skin.places(frames, figure)));
+    let best = tried.iter().min_by(|a, b| least(&a.1).total_cmp(&least(&b.1))).unwrap();
+    let default = judge(&format!("{name}, noise figure 1"), &tried[4].1, truth);
+    [default, judge(&format!("{name}, noise figure {}", best.0), &best.1, truth)]
+}
+
+/// Positions around a centre.
+fn around(positions: &Array2<f64>, centre: [f64; 2]) -> Vec<[f64; 2]> {
+    positions.rows().into_iter().map(|p| [p[0] - centre[0], p[1] - centre[1]]).collect()
+}
+
+#[test]
+fn hydrogel_presses() {
+    let Some(folder) = fixtures::shared_data("hydrogel_presses") else { return };
+    let skin = skin(&folder);
+    let responses = values(&folder, "press_response_2000x192.npy");
+    let positions = values(&folder, "press_xyz_2000x3_m.npy");
+    // the middle of the pressed area, as its README states it
+    let truth = around(&positions, [0.046, -0.408]);
+    let plain = skin.changed(&responses);
+    let [errors, chosen] = both(&skin, "hydrogel_presses", &plain, &truth);
+    // found 10.8 and 7.9 mm; a wrong turn or mirror leaves more than 20
+    assert!(quantile(&errors, 0.5) < 0.013 && quantile(&chosen, 0.5) < 0.010);
+}
+
+#[test]
+fn hydrogel_superpose500() {
+    let Some(folder) = fixtures::shared_data("hydrogel_superpose500") else { return };
+    let skin = skin(&folder);
+    let up = values(&folder, "superpose500_responseups.npy");
+    let down = values(&folder, "superpose500_responsedowns.npy");
+    let positions = values(&folder, "superpose500_positions.npy");
+    let middle = |axis: usize| {
+        let column = positions.index_axis(Axis(1), axis);
+        let least = column.iter().copied().fold(f64::INFINITY, f64::min);
+        0.5 * (least + column.iter().copied().fold(f64::NEG_INFINITY, f64::max))
+    };
+    let truth = around(&positions, [middle(0), middle(1)]);
+    // each press against the frame before it: the baseline drifts ten times as much as a press
+    let responses = &down - &up;
+    let plain = skin.changed(&responses);
+    let [errors, chosen] = both(&skin, "hydrogel_superpose500", &plain, &truth);
+    // found 19.3 and 9.9 mm; a wrong turn or mirror leaves more than 40
+    assert!(quantile(&errors, 0.5) < 0.023 && quantile(&chosen, 0.5) < 0.013);
+}

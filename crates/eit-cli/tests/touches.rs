@@ -1,0 +1,87 @@
+//! `eit report --touches --quick`: every part runs, and its numbers are sane against the bound.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+mod common;
+
+use common::{succeed, text};
+use serde_json::Value;
+
+/// Rows of a table.
+fn rows<'a>(report: &'a Value, name: &str) -> &'a Vec<Value> {
+    let tables = report["tables"].as_array().unwrap();
+    let table = tables.iter().find(|table| table["name"] == name);
+    table.unwrap_or_else(|| panic!("no table {name}"))["rows"].as_array().unwrap()
+}
+
+fn number(row: &Value, column: &str) -> f64 {
+    row[column].as_f64().unwrap_or_else(|| panic!("{column} of {row}"))
+}
+
+#[test]
+fn touch_figures_are_sane_against_the_bound() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    succeed(&["report", "--touches", "--quick", "--out", text(&out)]);
+    for file in ["touches.md", "touches.csv", "position_centre.png", "position_rim.png"] {
+        assert!(std::fs::metadata(out.join(file)).unwrap().len() > 1000, "{file}");
+    }
+    let json = std::fs::read_to_string(out.join("touches.json")).unwrap();
+    let report: Value = serde_json::from_str(&json).unwrap();
+
+    // 60 dB: at every ring all touches are found, and the fit is at its bound
+    let positions = rows(&report, "position");
+    assert_eq!(positions.len(), 9);
+    for row in positions {
+        assert_eq!(number(row, "found"), 1.0, "{row}");
+        // a median of four lengths: between a third and three times the typical one but once in a
+        // thousand
+        if row["method"] == "fit" {
+            assert!((0.33..3.0).contains(&number(row, "factor")), "{row}");
+        }
+        // a tenth of the radius: what one-step images err by near a rim
+        assert!(number(row, "median, mm") < 10.0, "{row}");
+    }
+    // the bound is smallest near the electrodes
+    let bounds: Vec<f64> = positions.iter().map(|row| number(row, "bound, mm")).collect();
+    assert!(bounds[0] > bounds[3] && bounds[3] > bounds[6], "{bounds:?}");
+
+    // electrodes that a sliding finger draws along cost the fit near the rim more than noise does
+    let rim = |fabric: &str| {
+        let wanted = |row: &&Value| {
+            number(row, "ring") == 0.8 && row["fabric"] == fabric && row["method"] == "fit"
+        };
+        number(rows(&report, "movement").iter().find(wanted).unwrap(), "median, mm")
+    };
+    assert!(rim("rim gives way, sliding") > 2.0 * rim("nothing moves"));
+
+    // the fit parts what images do not
+    for row in rows(&report, "two_points") {
+        let [image, fit] =
+            ["one-step image", "fit"].map(|method| row[method].as_f64().unwrap_or(f64::INFINITY));
+        assert!(fit <= image, "{row}");
+    }
+    // electrodes that move hide fingers from ST-TV; one-step images lose few
+    for row in rows(&report, "tracks").iter().filter(|row| row["method"] == "one-step") {
+        assert!(number(row, "found") > 0.5, "{row}");
+    }
+    for row in rows(&report, "greit") {
+        // GREIT asks for an even amplitude response; a bell is wide enough to come out at its size
+        assert!((0.6..1.4).contains(&number(row, "AR")), "{row}");
+    }
+    for row in rows(&report, "latency") {
+        let [median, worst] = ["median", "worst"].map(|column| number(row, column));
+        assert!(median > 0.0 && median <= worst, "{row}");
+        assert!(number(row, "touched") > 0.5, "{row}");
+    }
+}
+
+#[test]
+fn parts_are_chosen_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    succeed(&["report", "--touches=latency", "--quick", "--out", text(&out)]);
+    let json = std::fs::read_to_string(out.join("touches.json")).unwrap();
+    let report: Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(report["tables"].as_array().unwrap().len(), 1);
+    assert!(!out.join("position_centre.png").exists());
+}
