@@ -1,11 +1,14 @@
 #![doc = include_str!("../README.md")]
 
 pub mod codec;
+pub mod driver;
+pub mod emulator;
 mod error;
 mod frame;
 mod health;
 mod readers;
 mod recording;
+mod transport;
 
 pub use error::{At, HwError, Place};
 pub use frame::{Frame, Quadruple, Quality};
@@ -18,3 +21,6 @@ pub use recording::{
     Component, CountHint, FrameMap, Layout, MeasuredFrames, Note, Projection, Recording,
     SkipReason, Skipped, SkippedFrame, Unit,
 };
+pub use transport::{Endpoint, Link};
+#[cfg(feature = "serial")]
+pub use transport::{PortDescription, UsbDescription, serial_ports};

@@ -4,7 +4,9 @@
 //! checksum and without escaping. So a damaged value within a data frame cannot be seen, and the
 //! decoder may be led astray by a tag among values. It takes a frame for one only where the length
 //! is one that the tag can have and both tags agree; else it drops one byte and looks again. Data
-//! frames must also make sense: see [`DataFrame`].
+//! frames must also make sense: see [`DataFrame`]. Where one byte of a data frame was lost, the
+//! first tag of the next one stands where its own last tag should: such a frame is told by what
+//! follows it, so one whose payload ends with its tag waits for the next byte.
 //!
 //! Sources: the vendor's public examples (`Sciospec/Examples`,
 //! `Sciospec/sciospec_EIT_matlab_example`), sciopy 1.0.1, imt-jku/EIT-Sciospec,
@@ -325,6 +327,10 @@ fn candidate(side: Side, buffer: &[u8]) -> Option<Option<(Event<'_>, usize)>> {
     let &end = after.get(usize::from(length))?;
     let taken = usize::from(length) + 3;
     if end != tag {
+        return Some(None);
+    }
+    // its real end is in the payload, and this is the next frame's start
+    if tag == TAG_DATA && payload.last() == Some(&tag) && *buffer.get(taken)? == length {
         return Some(None);
     }
     let event = match (side, tag, payload) {
