@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 
+#[cfg(feature = "mcap")]
+pub mod capture;
 pub mod codec;
 pub mod driver;
 pub mod emulator;
@@ -12,6 +14,9 @@ mod transport;
 
 pub use error::{At, HwError, Place};
 pub use frame::{Frame, Quadruple, Quality};
+pub use health::{
+    ElectrodeHealth, Finding, HealthReport, Severity, StreamFacts, Trouble, Verdict, check_health,
+};
 pub use health::{
     OrderCandidate, OrderVerdict, model_correlation, reciprocity_error, recognise_order,
 };
