@@ -16,6 +16,7 @@ use serde::{Deserialize, Serialize};
 pub use read::{Capture, Damage, parse, read};
 pub use write::{CaptureSettings, CaptureWriter};
 
+use crate::driver::Setup;
 use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
 
@@ -52,6 +53,23 @@ pub struct SessionRecord {
     /// Program that recorded it.
     #[serde(default)]
     pub recorder: String,
+}
+
+impl SessionRecord {
+    /// The record of an instrument whose frames hold these measurements, such as the
+    /// [`quadruples`](crate::driver::SessionSettings::quadruples) of its session.
+    pub fn of(setup: &Setup, quadruples: &[Quadruple]) -> Self {
+        Self {
+            driver: setup.identity.driver.to_owned(),
+            instrument: setup.identity.name.clone(),
+            serial: setup.identity.serial.clone(),
+            unit: setup.unit.into(),
+            quadruples: quadruples.to_vec(),
+            frame_rate_hz: setup.frame_rate_hz,
+            recorder: concat!("eit-hw ", env!("CARGO_PKG_VERSION")).to_owned(),
+            ..Self::default()
+        }
+    }
 }
 
 /// A unit by its name.

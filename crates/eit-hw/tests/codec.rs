@@ -523,3 +523,44 @@ fn garbage_gives_no_frame_and_passes() {
         assert!((1..=2).contains(&frames), "{format:?}: {frames}");
     }
 }
+
+/// The bytes of a real serial line, as a reader of whole files and as a driver take them.
+#[test]
+fn a_recorded_serial_line_gives_the_frames_of_its_log() {
+    let Some(folder) = fixtures::shared_data("umitooko_serial16") else { return };
+    let mut files = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if path.extension().is_none_or(|ending| ending != "txt") {
+            continue;
+        }
+        let bytes = std::fs::read(&path).unwrap();
+        let Ok(log) = eit_hw::serial_log::parse(&bytes, &path, &Default::default()) else {
+            continue;
+        };
+        let mut known: Vec<Vec<f64>> =
+            log.real.rows().into_iter().map(|row| row.to_vec()).collect();
+        let (mut same, mut frames, mut skipped) = (0, 0, 0);
+        let mut decoder = text::Decoder::new(TextFormat::serial_16()).unwrap();
+        decoder.push(&bytes, &mut |event| match event {
+            text::Event::Frame { values, .. } => {
+                frames += 1;
+                if let Some(at) = known.iter().position(|known| known == values) {
+                    known.swap_remove(at);
+                    same += 1;
+                }
+            }
+            text::Event::Skipped(_) => skipped += 1,
+            text::Event::Line(_) => {}
+        });
+        println!(
+            "{name}: log {}, decoder {frames}, same {same}, skipped {skipped}",
+            log.frame_count()
+        );
+        // the reader also takes the reference and frames of one line, which have no `s`
+        assert!(same == frames || frames - same <= skipped + log.skipped.frames, "{name}");
+        files += 1;
+    }
+    assert!(files > 0);
+}

@@ -547,3 +547,39 @@ fn ports_that_cannot_be_opened_and_instruments_that_do_not_answer() {
     let error = identify(&mut *eits1_driver(2000.0), emulator.endpoint()).unwrap_err();
     assert!(error.to_string().contains("value cannot be set"), "{error}");
 }
+
+/// Instrument, serial line, driver, recording, reader; unplugged in between.
+#[test]
+fn a_live_instrument_is_recorded_and_read_like_a_file() {
+    use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
+    let folder = tempfile::tempdir().unwrap();
+    let plan =
+        FaultPlan { unplug_after_bytes: vec![40_000], unplugged_s: 0.05, ..FaultPlan::default() };
+    let emulator = sciospec_emulator(&line(&folder), 16, true, plan);
+    let wanted = rotated(16);
+    let session = sciospec_session(&emulator, 16, &wanted);
+    let path = folder.path().join("press.mcap");
+    let record = SessionRecord::of(session.setup(), &wanted);
+    let mut writer = CaptureWriter::create(&path, &record, CaptureSettings::default()).unwrap();
+    let (start, mut recorded) = (Instant::now(), Vec::new());
+    while recorded.last().is_none_or(|frame: &Frame| frame.epoch == 0) {
+        assert!(start.elapsed() < LIMIT);
+        match session.next_event(WAIT).unwrap() {
+            Some(Event::Frame(frame)) => {
+                writer.frame(&frame).unwrap();
+                recorded.push(frame);
+            }
+            Some(event) => writer.note(&format!("{event:?}")).unwrap(),
+            None => writer.tick().unwrap(),
+        }
+    }
+    writer.finish().unwrap();
+    let recording = eit_hw::read_recording(&path, None, &eit_hw::ReadOptions::default()).unwrap();
+    let frames = recording.frames_for(Some(&wanted), 208, eit_hw::Component::Real).unwrap();
+    assert_eq!(frames.values.nrows(), recorded.len());
+    for (found, frame) in frames.values.rows().into_iter().zip(&recorded) {
+        let same = |(a, b): (&f64, &f64)| a == b || a.is_nan() && b.is_nan();
+        assert!(found.iter().zip(&frame.values).all(same));
+    }
+    assert_eq!(frames.unit, Unit::Volt);
+}

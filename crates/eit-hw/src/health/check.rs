@@ -169,15 +169,7 @@ fn electrodes(
 ) -> Vec<ElectrodeHealth> {
     let count = quadruples.iter().flatten().max().map_or(0, |&last| last + 1);
     let all_noise = finite_median(noise_std.iter().copied());
-    let flagged: Vec<f64> = frames
-        .quality
-        .columns()
-        .into_iter()
-        .map(|column| {
-            let bad = column.iter().filter(|quality| !quality.is_good()).count();
-            bad as f64 / column.len() as f64
-        })
-        .collect();
+    let flagged = flagged_shares(frames);
     (0..count)
         .map(|electrode| {
             let with = |quadruple: &Quadruple| quadruple.contains(&electrode);
@@ -211,11 +203,17 @@ fn findings(
         let with = frames.quality.iter().filter(|quality| quality.contains(flag)).count();
         with as f64 / frames.quality.len().max(1) as f64
     };
-    let mut at_fault = Vec::new();
-    for (electrode, health) in (0..).zip(&report.electrodes) {
-        if let Some(trouble) = electrode_trouble(report, health) {
-            at_fault.push(electrode);
-            findings.push(Finding::of_electrode(electrode, trouble));
+    let mut at_fault = open_electrodes(frames, quadruples, report.electrodes.len());
+    for &(electrode, flagged_share) in &at_fault {
+        findings.push(Finding::of_electrode(electrode, Trouble::Open { flagged_share }));
+    }
+    // the mean of flagged values explains any error
+    if at_fault.is_empty() {
+        for (electrode, health) in (0..).zip(&report.electrodes) {
+            if let Some(trouble) = electrode_trouble(report, health) {
+                at_fault.push((electrode, health.flagged_share));
+                findings.push(Finding::of_electrode(electrode, trouble));
+            }
         }
     }
     if report.reciprocity.is_some_and(|error| error > DOUBTED_ERROR) && at_fault.is_empty() {
@@ -258,14 +256,46 @@ fn findings(
     findings
 }
 
+/// Electrodes of which most values are flagged, worst first, with that share. Each is judged by the
+/// measurements that no worse one is part of: neighbours share measurements.
+fn open_electrodes(
+    frames: &MeasuredFrames,
+    quadruples: &[Quadruple],
+    count: usize,
+) -> Vec<(u32, f64)> {
+    let mut left: Vec<(Quadruple, f64)> =
+        quadruples.iter().copied().zip(flagged_shares(frames)).collect();
+    let mut open = Vec::new();
+    for _ in 0..count {
+        let share = |electrode: u32| {
+            let of = left.iter().filter(|(quadruple, _)| quadruple.contains(&electrode));
+            let (sum, number) = of.fold((0.0, 0.0), |(sum, n), (_, share)| (sum + share, n + 1.0));
+            if number > 0.0 { sum / number } else { 0.0 }
+        };
+        let shares = (0..count as u32).map(|electrode| (electrode, share(electrode)));
+        let worst = shares.max_by(|(_, one), (_, other)| one.total_cmp(other));
+        let Some((electrode, share)) = worst.filter(|(_, share)| *share > FLAGGED_SHARE) else {
+            break;
+        };
+        open.push((electrode, share));
+        left.retain(|(quadruple, _)| !quadruple.contains(&electrode));
+    }
+    open
+}
+
+/// Share of each measurement's values with a flag.
+fn flagged_shares(frames: &MeasuredFrames) -> Vec<f64> {
+    let columns = frames.quality.columns().into_iter();
+    columns
+        .map(|column| {
+            let bad = column.iter().filter(|quality| !quality.is_good()).count();
+            bad as f64 / column.len() as f64
+        })
+        .collect()
+}
+
 /// What is wrong with one electrode, the surest sign first.
 fn electrode_trouble(report: &HealthReport, health: &ElectrodeHealth) -> Option<Trouble> {
-    let mean_share = report.electrodes.iter().map(|other| other.flagged_share).sum::<f64>()
-        / report.electrodes.len().max(1) as f64;
-    // the neighbours share measurements with it, but not all
-    if health.flagged_share > FLAGGED_SHARE && health.flagged_share > 1.2 * mean_share {
-        return Some(Trouble::Open { flagged_share: health.flagged_share });
-    }
     if let (Some(with), Some(without)) = (report.reciprocity, health.reciprocity_without)
         && with > DOUBTED_ERROR
         && without * CLEAR_FACTOR <= with
