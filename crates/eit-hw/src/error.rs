@@ -379,6 +379,113 @@ pub enum HwError {
         /// The file.
         place: Place,
     },
+    /// A setting that cannot be.
+    #[error("{name} is {value}; {wanted} wanted")]
+    Setting {
+        /// Which.
+        name: &'static str,
+        /// Its value.
+        value: String,
+        /// What it should be.
+        wanted: &'static str,
+    },
+    /// A port or address that cannot be opened.
+    #[error("{endpoint}: cannot be opened: {source}; {mend}")]
+    Open {
+        /// The port or address.
+        endpoint: String,
+        /// What the system says.
+        source: std::io::Error,
+        /// What to try.
+        mend: &'static str,
+    },
+    /// A connection that broke while the instrument was set up.
+    #[error("{endpoint}: connection lost: {source}; check cable and power")]
+    Lost {
+        /// The port or address.
+        endpoint: String,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// No answer to a command.
+    #[error(
+        "{endpoint}: no {wanted} within {waited_s} s; check that the driver is `{driver}`, and the \
+         baud rate and power"
+    )]
+    NoReply {
+        /// The port or address.
+        endpoint: String,
+        /// The driver.
+        driver: &'static str,
+        /// What was waited for.
+        wanted: &'static str,
+        /// For how long.
+        waited_s: f64,
+    },
+    /// The instrument refuses a command.
+    #[error("{endpoint}: the instrument refuses to {command}: {reason}; change that setting")]
+    Refused {
+        /// The port or address.
+        endpoint: String,
+        /// What it should do.
+        command: &'static str,
+        /// Its reason.
+        reason: String,
+    },
+    /// The instrument does not do what it was told.
+    #[error(
+        "{endpoint}: {setting} was set to {wanted}, but the instrument says {found}; set what it \
+         can do"
+    )]
+    ReadBack {
+        /// The port or address.
+        endpoint: String,
+        /// The setting.
+        setting: &'static str,
+        /// What was asked for.
+        wanted: String,
+        /// What it says.
+        found: String,
+    },
+    /// Another instrument answers than before.
+    #[error("{endpoint}: is {found} now, but was {wanted}; plug the first one in again")]
+    Identity {
+        /// The port or address.
+        endpoint: String,
+        /// The one before.
+        wanted: String,
+        /// The one now.
+        found: String,
+    },
+    /// More frames than the consumer took.
+    #[error(
+        "{endpoint}: {capacity} frames wait and none was taken in time; take them faster, or set \
+         the queue to keep the latest"
+    )]
+    Overflow {
+        /// The port or address.
+        endpoint: String,
+        /// Frames the queue holds.
+        capacity: usize,
+    },
+    /// A recording that cannot be written.
+    #[error("{place}: cannot be written: {source}; check disk space and permissions")]
+    Write {
+        /// The file.
+        place: Place,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A container of records that is none, or lacks what it needs.
+    #[error("{place}: {what}; {mend}")]
+    Container {
+        /// Where.
+        place: Place,
+        /// What is wrong.
+        what: String,
+        /// How to mend it.
+        mend: &'static str,
+    },
     /// Fields of a [`Recording`](crate::Recording), or slices given to a
     /// [`FrameMap`](crate::FrameMap), that do not fit each other.
     #[error("{place}: `{field}` has {found} entries, but {wanted} wanted; build it in one piece")]

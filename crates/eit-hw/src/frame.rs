@@ -12,6 +12,9 @@ pub type Quadruple = [u32; 4];
 pub struct Frame {
     /// Value of each measurement; its unit is that of the recording or instrument it came from.
     pub values: Vec<f64>,
+    /// Imaginary part of each measurement, as long as `values`, which are the real parts then;
+    /// `None` where the instrument measures real values.
+    pub imaginary: Option<Vec<f64>>,
     /// Quality of each measurement, as long as `values`.
     pub quality: Vec<Quality>,
     /// Number of the frame since the start of the recording or stream, from 0; holes are frames

@@ -8,6 +8,12 @@
 //! What it cannot see: numbering the electrodes from another start or the other way round leaves
 //! every reciprocal pair a reciprocal pair. So does swapping drives with measured pairs.
 
+mod check;
+
+pub use check::{
+    ElectrodeHealth, Finding, HealthReport, Severity, StreamFacts, Trouble, Verdict, check_health,
+};
+
 use std::collections::HashMap;
 
 use crate::frame::Quadruple;

@@ -1,13 +1,22 @@
 #![doc = include_str!("../README.md")]
 
+#[cfg(feature = "mcap")]
+pub mod capture;
+pub mod codec;
+pub mod driver;
+pub mod emulator;
 mod error;
 mod frame;
 mod health;
 mod readers;
 mod recording;
+mod transport;
 
 pub use error::{At, HwError, Place};
 pub use frame::{Frame, Quadruple, Quality};
+pub use health::{
+    ElectrodeHealth, Finding, HealthReport, Severity, StreamFacts, Trouble, Verdict, check_health,
+};
 pub use health::{
     OrderCandidate, OrderVerdict, model_correlation, reciprocity_error, recognise_order,
 };
@@ -17,3 +26,6 @@ pub use recording::{
     Component, CountHint, FrameMap, Layout, MeasuredFrames, Note, Projection, Recording,
     SkipReason, Skipped, SkippedFrame, Unit,
 };
+pub use transport::{Endpoint, Link};
+#[cfg(feature = "serial")]
+pub use transport::{PortDescription, UsbDescription, serial_ports};

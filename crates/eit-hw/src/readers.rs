@@ -41,14 +41,25 @@ pub enum Format {
     Khu,
     /// Raw serial log of lines of decimals, see [`serial_log`].
     SerialLog,
+    /// Recording of a live instrument in MCAP; read with the feature `mcap`.
+    Mcap,
 }
 
 impl Format {
     /// Every format.
-    pub const ALL: [Self; 7] =
-        [Self::Csv, Self::Npy, Self::Sciospec, Self::Goe, Self::Lct, Self::Khu, Self::SerialLog];
+    pub const ALL: [Self; 8] = [
+        Self::Csv,
+        Self::Npy,
+        Self::Sciospec,
+        Self::Goe,
+        Self::Lct,
+        Self::Khu,
+        Self::SerialLog,
+        Self::Mcap,
+    ];
 
-    /// Name in the scene file: `csv`, `npy`, `sciospec`, `goe`, `lct`, `khu`, `serial-log`.
+    /// Name in the scene file: `csv`, `npy`, `sciospec`, `goe`, `lct`, `khu`, `serial-log`,
+    /// `mcap`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Csv => "csv",
@@ -58,6 +69,7 @@ impl Format {
             Self::Lct => "lct",
             Self::Khu => "khu",
             Self::SerialLog => "serial-log",
+            Self::Mcap => "mcap",
         }
     }
 
@@ -149,7 +161,7 @@ impl ReadOptions {
 /// Reads a recording, in the format given or, without one, in the format recognised.
 ///
 /// A folder with `.eit` files is Sciospec, one with KHU's `ProjectionTableSendLog.txt` KHU. Of a
-/// file, in this order: the first bytes `\x93NUMPY` are NPY; the first line `#MEAS` is LCT; the
+/// file, in this order: the first bytes `\x93NUMPY` are NPY, `\x89MCAP` MCAP; the first line `#MEAS` is LCT; the
 /// endings `.eit`, `.get`, `.npy` and `.csv` are what they say; other text is a serial log if it
 /// has a line `s`, `ref:` or `data:`, else CSV. Text that may be either (lines of as many numbers
 /// as a serial log has, without any `s`) and all else is an error that names the key
@@ -192,6 +204,10 @@ pub fn read_recording(
         Format::Lct => lct::parse(&bytes, path),
         Format::Khu => Err(HwError::NotAFolder { place: Place::file(path), format: "khu" }),
         Format::SerialLog => serial_log::parse(&bytes, path, &options.serial_log),
+        #[cfg(feature = "mcap")]
+        Format::Mcap => crate::capture::parse(&bytes, path)?.recording(path),
+        #[cfg(not(feature = "mcap"))]
+        Format::Mcap => Err(HwError::Unsupported { place: Place::file(path), format: "mcap" }),
     }
 }
 

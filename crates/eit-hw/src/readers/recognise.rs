@@ -31,6 +31,9 @@ pub(super) fn file(
     if bytes.starts_with(npy::MAGIC) {
         return Ok(Format::Npy);
     }
+    if bytes.starts_with(b"\x89MCAP0\r\n") {
+        return Ok(Format::Mcap);
+    }
     if bytes.starts_with(b"#MEAS") {
         return Ok(Format::Lct);
     }

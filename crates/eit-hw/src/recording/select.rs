@@ -51,6 +51,7 @@ impl MeasuredFrames {
         self.values.rows().into_iter().zip(self.quality.rows()).zip(0_u64..).map(
             |((values, quality), sequence)| Frame {
                 values: values.to_vec(),
+                imaginary: None,
                 quality: quality.to_vec(),
                 sequence,
                 epoch: 0,

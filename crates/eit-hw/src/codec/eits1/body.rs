@@ -1,0 +1,167 @@
+//! Payloads of the EITS-1 messages that set up a device.
+
+use crate::error::HwError;
+use crate::frame::Quadruple;
+use crate::recording::Unit;
+
+/// What a device says about itself: the payload of [`Kind::Information`](super::Kind::Information).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Information {
+    /// Electrodes it has.
+    pub electrodes: u16,
+    /// Most measurements of a frame it can send.
+    pub most_measurements: u16,
+    /// Highest frame rate it can keep, for its own default configuration.
+    pub max_frame_rate_hz: f32,
+    /// Magnitude of its largest value, in its unit; infinite where it does not say.
+    pub full_scale: f32,
+    /// Unit of calibrated values.
+    pub unit: Unit,
+    /// Whether values are complex.
+    pub complex: bool,
+    /// Name of the kind of device, at most 255 bytes.
+    pub name: String,
+    /// What tells this device from others of its kind, at most 255 bytes.
+    pub serial: String,
+}
+
+impl Information {
+    const FIXED_BYTES: usize = 16;
+
+    /// The payload. Texts are cut at 255 bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let (name, serial) = (cut(&self.name), cut(&self.serial));
+        let unit = match self.unit {
+            Unit::Arbitrary => 0,
+            Unit::Volt => 1,
+            Unit::Ohm => 2,
+        };
+        let mut bytes = Vec::with_capacity(Self::FIXED_BYTES + name.len() + serial.len());
+        bytes.extend(self.electrodes.to_le_bytes());
+        bytes.extend(self.most_measurements.to_le_bytes());
+        bytes.extend(self.max_frame_rate_hz.to_le_bytes());
+        bytes.extend(self.full_scale.to_le_bytes());
+        bytes.extend([unit, u8::from(self.complex), name.len() as u8, serial.len() as u8]);
+        bytes.extend(name.as_bytes());
+        bytes.extend(serial.as_bytes());
+        bytes
+    }
+
+    /// The information of a payload; `None` where it is not one.
+    pub fn from_bytes(payload: &[u8]) -> Option<Self> {
+        let (fixed, texts) = payload.split_first_chunk::<{ Self::FIXED_BYTES }>()?;
+        let [e0, e1, m0, m1, r0, r1, r2, r3, s0, s1, s2, s3, unit, complex, name, serial] = *fixed;
+        let (name, serial_text) = texts.split_at_checked(usize::from(name))?;
+        if serial_text.len() != usize::from(serial) {
+            return None;
+        }
+        let text = |bytes: &[u8]| std::str::from_utf8(bytes).ok().map(str::to_owned);
+        Some(Self {
+            electrodes: u16::from_le_bytes([e0, e1]),
+            most_measurements: u16::from_le_bytes([m0, m1]),
+            max_frame_rate_hz: f32::from_le_bytes([r0, r1, r2, r3]),
+            full_scale: f32::from_le_bytes([s0, s1, s2, s3]),
+            unit: match unit {
+                0 => Unit::Arbitrary,
+                1 => Unit::Volt,
+                2 => Unit::Ohm,
+                _ => return None,
+            },
+            complex: match complex {
+                0 => false,
+                1 => true,
+                _ => return None,
+            },
+            name: text(name)?,
+            serial: text(serial_text)?,
+        })
+    }
+}
+
+/// At most 255 bytes of a text, whole characters.
+fn cut(text: &str) -> &str {
+    let mut end = text.len().min(255);
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    &text[..end]
+}
+
+/// What a device measures: the payload of [`Kind::Configuration`](super::Kind::Configuration).
+#[derive(Clone, Debug, PartialEq)]
+pub struct Configuration {
+    /// Frames a second.
+    pub frame_rate_hz: f32,
+    /// Amplitude of the drive current in ampere.
+    pub current_a: f32,
+    /// Frequency of the drive current; 0 is direct current.
+    pub frequency_hz: f32,
+    /// Each measurement `[a, b, m, n]` in the order of a frame.
+    pub quadruples: Vec<[u8; 4]>,
+}
+
+impl Configuration {
+    const FIXED_BYTES: usize = 14;
+
+    /// The configuration that measures these quadruples.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] where there are no quadruples or more than 4 000, or one has an
+    /// electrode above 255.
+    pub fn new(
+        quadruples: &[Quadruple],
+        frame_rate_hz: f32,
+        current_a: f32,
+        frequency_hz: f32,
+    ) -> Result<Self, HwError> {
+        /// So many still fit a message.
+        const MOST: usize = 4000;
+        if quadruples.is_empty() || quadruples.len() > MOST {
+            return Err(HwError::Setting {
+                name: "quadruples of the protocol",
+                value: quadruples.len().to_string(),
+                wanted: "1 to 4000 for EITS-1",
+            });
+        }
+        let byte = |electrode: u32| {
+            u8::try_from(electrode).map_err(|_| HwError::Setting {
+                name: "electrode (from 0)",
+                value: electrode.to_string(),
+                wanted: "at most 255 for EITS-1",
+            })
+        };
+        let quadruples = quadruples
+            .iter()
+            .map(|&[a, b, m, n]| Ok([byte(a)?, byte(b)?, byte(m)?, byte(n)?]))
+            .collect::<Result<_, HwError>>()?;
+        Ok(Self { frame_rate_hz, current_a, frequency_hz, quadruples })
+    }
+
+    /// The payload; quadruples beyond 65 535 are left out.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let count = u16::try_from(self.quadruples.len()).unwrap_or(u16::MAX);
+        let mut bytes = Vec::with_capacity(Self::FIXED_BYTES + 4 * usize::from(count));
+        for value in [self.frame_rate_hz, self.current_a, self.frequency_hz] {
+            bytes.extend(value.to_le_bytes());
+        }
+        bytes.extend(count.to_le_bytes());
+        bytes.extend(self.quadruples.iter().take(usize::from(count)).flatten());
+        bytes
+    }
+
+    /// The configuration of a payload; `None` where it is not one.
+    pub fn from_bytes(payload: &[u8]) -> Option<Self> {
+        let (fixed, rest) = payload.split_first_chunk::<{ Self::FIXED_BYTES }>()?;
+        let (floats, count) = fixed.split_last_chunk::<2>()?;
+        let (floats, _) = floats.as_chunks::<4>();
+        let &[rate, current, frequency] = floats else { return None };
+        let (quadruples, left) = rest.as_chunks::<4>();
+        let whole = left.is_empty() && quadruples.len() == usize::from(u16::from_le_bytes(*count));
+        whole.then(|| Self {
+            frame_rate_hz: f32::from_le_bytes(rate),
+            current_a: f32::from_le_bytes(current),
+            frequency_hz: f32::from_le_bytes(frequency),
+            quadruples: quadruples.to_vec(),
+        })
+    }
+}

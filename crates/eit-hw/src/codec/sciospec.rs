@@ -1,0 +1,366 @@
+//! Frames of Sciospec EIT16 to EIT128 instruments, from public sources; not verified on hardware.
+//!
+//! A frame is `[tag][length][payload][tag]` with up to 255 bytes of payload, big-endian, without
+//! checksum and without escaping. So a damaged value within a data frame cannot be seen, and the
+//! decoder may be led astray by a tag among values. It takes a frame for one only where the length
+//! is one that the tag can have and both tags agree; else it drops one byte and looks again. Data
+//! frames must also make sense: see [`DataFrame`]. Where one byte of a data frame was lost, the
+//! first tag of the next one stands where its own last tag should: such a frame is told by what
+//! follows it, so one whose payload ends with its tag waits for the next byte.
+//!
+//! Sources: the vendor's public examples (`Sciospec/Examples`,
+//! `Sciospec/sciospec_EIT_matlab_example`), sciopy 1.0.1, imt-jku/EIT-Sciospec,
+//! PrinceDinali/Sciospec-EIT32-Interface, DavidMetzIMT/eit_app.
+
+/// First and last byte of a system message or acknowledgement.
+pub const TAG_SYSTEM: u8 = 0x18;
+/// Software reset.
+pub const TAG_RESET: u8 = 0xA1;
+/// Set the measurement set-up.
+pub const TAG_SET_SETUP: u8 = 0xB0;
+/// Read the measurement set-up.
+pub const TAG_GET_SETUP: u8 = 0xB1;
+/// Choose what data frames hold.
+pub const TAG_SET_OUTPUT: u8 = 0xB2;
+/// Start, stop and data.
+pub const TAG_DATA: u8 = 0xB4;
+/// Device information.
+pub const TAG_DEVICE: u8 = 0xD1;
+
+/// Channels of a data frame.
+pub const GROUP: usize = 16;
+/// Values beyond this are no voltage of an instrument with a range of at most 10 V.
+const LARGEST_V: f32 = 20.0;
+/// Tag, length, payload, tag.
+const LONGEST: usize = 258;
+
+/// A system message: answer to a command, or news.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Code {
+    /// 01: the syntax of the command was wrong.
+    Syntax,
+    /// 02: a command was interrupted for more than 10 ms.
+    Timeout,
+    /// 04: the device has started.
+    Booted,
+    /// 11: a TCP client has connected.
+    TcpConnected,
+    /// 81: the command was not executed.
+    NotExecuted,
+    /// 82: the command is not known.
+    Unknown,
+    /// 83: the command was executed.
+    Executed,
+    /// 84: the system is ready.
+    Ready,
+    /// 91 or 92, by the source: data was held up.
+    HoldUp(u8),
+    /// Any other.
+    Other(u8),
+}
+
+impl Code {
+    /// The code of this byte.
+    pub const fn of(byte: u8) -> Self {
+        match byte {
+            0x01 => Self::Syntax,
+            0x02 => Self::Timeout,
+            0x04 => Self::Booted,
+            0x11 => Self::TcpConnected,
+            0x81 => Self::NotExecuted,
+            0x82 => Self::Unknown,
+            0x83 => Self::Executed,
+            0x84 => Self::Ready,
+            0x91 | 0x92 => Self::HoldUp(byte),
+            other => Self::Other(other),
+        }
+    }
+
+    /// Its byte.
+    pub const fn byte(self) -> u8 {
+        match self {
+            Self::Syntax => 0x01,
+            Self::Timeout => 0x02,
+            Self::Booted => 0x04,
+            Self::TcpConnected => 0x11,
+            Self::NotExecuted => 0x81,
+            Self::Unknown => 0x82,
+            Self::Executed => 0x83,
+            Self::Ready => 0x84,
+            Self::HoldUp(byte) | Self::Other(byte) => byte,
+        }
+    }
+
+    /// Why a command failed, for codes that say so.
+    pub const fn failure(self) -> Option<&'static str> {
+        match self {
+            Self::Syntax => Some("wrong syntax"),
+            Self::Timeout => Some("the command was interrupted"),
+            Self::NotExecuted => Some("not executed"),
+            Self::Unknown => Some("unknown command"),
+            _ => None,
+        }
+    }
+}
+
+/// What data frames hold beside the voltages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Output {
+    /// The driven pair.
+    pub drive: bool,
+    /// The number of the frequency.
+    pub frequency_row: bool,
+    /// The device's clock.
+    pub time: bool,
+}
+
+impl Default for Output {
+    /// All.
+    fn default() -> Self {
+        Self { drive: true, frequency_row: true, time: true }
+    }
+}
+
+impl Output {
+    /// Payload bytes of a data frame.
+    pub const fn payload_bytes(self) -> usize {
+        1 + 2 * self.drive as usize
+            + 2 * self.frequency_row as usize
+            + 4 * self.time as usize
+            + 8 * GROUP
+    }
+}
+
+/// Potentials of 16 channels against the instrument's ground under one drive.
+///
+/// It makes sense where the group is 1 to 8, the drive two different electrodes of 1 to 128, and
+/// every voltage finite and within 20 V (the largest range is 10 V).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DataFrame {
+    /// Group of channels from 1: channel `16 (group - 1)` is its first, from 0.
+    pub group: u8,
+    /// The driven pair as the device names it, electrodes from 1.
+    pub drive: Option<[u8; 2]>,
+    /// Number of the frequency, from 1; some models send 0.
+    pub frequency_row: Option<u16>,
+    /// The device's clock in milliseconds, wrapping after 49.7 days.
+    pub time_ms: Option<u32>,
+    /// Real and imaginary part of each channel's potential in volt.
+    pub potentials_v: [[f32; 2]; GROUP],
+}
+
+impl DataFrame {
+    fn of(payload: &[u8], output: Output) -> Option<Self> {
+        let (&group, mut rest) = payload.split_first()?;
+        let mut drive = None;
+        if output.drive {
+            let (&pair, after) = rest.split_first_chunk::<2>()?;
+            (drive, rest) = (Some(pair), after);
+        }
+        let mut frequency_row = None;
+        if output.frequency_row {
+            let (&row, after) = rest.split_first_chunk::<2>()?;
+            (frequency_row, rest) = (Some(u16::from_be_bytes(row)), after);
+        }
+        let mut time_ms = None;
+        if output.time {
+            let (&time, after) = rest.split_first_chunk::<4>()?;
+            (time_ms, rest) = (Some(u32::from_be_bytes(time)), after);
+        }
+        let (floats, _) = rest.as_chunks::<4>();
+        let (parts, _) = floats.as_chunks::<2>();
+        let mut potentials_v = [[0.0; 2]; GROUP];
+        if parts.len() != GROUP {
+            return None;
+        }
+        for (potential, part) in potentials_v.iter_mut().zip(parts) {
+            *potential = part.map(f32::from_be_bytes);
+        }
+        let frame = Self { group, drive, frequency_row, time_ms, potentials_v };
+        frame.makes_sense().then_some(frame)
+    }
+
+    fn makes_sense(&self) -> bool {
+        let drive = self
+            .drive
+            .is_none_or(|[a, b]| a != b && (1..=128).contains(&a) && (1..=128).contains(&b));
+        // a NaN is in no range
+        let voltage = |v: &f32| (-LARGEST_V..=LARGEST_V).contains(v);
+        (1..=8).contains(&self.group)
+            && drive
+            && self.potentials_v.as_flattened().iter().all(voltage)
+    }
+}
+
+/// Appends a frame `[tag][length][payload][tag]`; the payload is cut at 255 bytes.
+pub fn encode(tag: u8, payload: &[u8], wire: &mut Vec<u8>) {
+    let payload = &payload[..payload.len().min(255)];
+    wire.extend([tag, payload.len() as u8]);
+    wire.extend(payload);
+    wire.push(tag);
+}
+
+/// Appends a data frame; parts that are `None` are left out.
+pub fn encode_data(frame: &DataFrame, wire: &mut Vec<u8>) {
+    let mut payload = Vec::with_capacity(Output::default().payload_bytes());
+    payload.push(frame.group);
+    payload.extend(frame.drive.iter().flatten());
+    payload.extend(frame.frequency_row.iter().flat_map(|row| row.to_be_bytes()));
+    payload.extend(frame.time_ms.iter().flat_map(|time| time.to_be_bytes()));
+    payload.extend(frame.potentials_v.as_flattened().iter().flat_map(|part| part.to_be_bytes()));
+    encode(TAG_DATA, &payload, wire);
+}
+
+/// What a decoder found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event<'a> {
+    /// A system message.
+    System(Code),
+    /// Voltages.
+    Data(DataFrame),
+    /// Any other frame: a value that was asked for, or (on the device's side) a command.
+    Other {
+        /// Its tag.
+        tag: u8,
+        /// What it holds.
+        payload: &'a [u8],
+    },
+    /// Bytes that are no frame; told before the next frame, so that the number does not depend on
+    /// how the bytes came.
+    Skipped {
+        /// How many.
+        bytes: u64,
+    },
+}
+
+/// Which side's frames a decoder takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Side {
+    /// From the device, whose data frames hold this.
+    Device(Output),
+    /// From the host.
+    Host,
+}
+
+/// Decodes the frames of one side.
+///
+/// ```
+/// use eit_hw::codec::sciospec::{Code, Decoder, Event, Output};
+/// let mut codes = Vec::new();
+/// let mut decoder = Decoder::new(Output::default());
+/// decoder.push(&[0x00, 0x18, 0x01, 0x83], &mut |_| unreachable!("no frame is whole yet"));
+/// decoder.push(&[0x18], &mut |event| match event {
+///     Event::System(code) => codes.push(code),
+///     Event::Skipped { bytes } => assert_eq!(bytes, 1),
+///     other => panic!("{other:?}"),
+/// });
+/// assert_eq!(codes, [Code::Executed]);
+/// ```
+#[derive(Clone, Debug)]
+pub struct Decoder {
+    side: Side,
+    buffer: Vec<u8>,
+    skipped: u64,
+}
+
+impl Decoder {
+    /// A decoder of what a device sends whose data frames hold `output`.
+    pub fn new(output: Output) -> Self {
+        Self { side: Side::Device(output), buffer: Vec::with_capacity(LONGEST), skipped: 0 }
+    }
+
+    /// A decoder of what a host sends.
+    pub fn of_commands() -> Self {
+        Self { side: Side::Host, buffer: Vec::with_capacity(LONGEST), skipped: 0 }
+    }
+
+    /// Forgets the bytes of an open frame.
+    pub fn reset(&mut self) {
+        self.buffer.clear();
+        self.skipped = 0;
+    }
+
+    /// Whether a frame has begun and not ended.
+    pub fn is_open(&self) -> bool {
+        !self.buffer.is_empty()
+    }
+
+    /// Takes bytes as they arrive and calls `on_event` with what they complete.
+    pub fn push(&mut self, bytes: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
+        for &byte in bytes {
+            self.buffer.push(byte);
+            // each pass either waits for more or takes bytes away
+            while let Some(found) = candidate(self.side, &self.buffer) {
+                let taken = match found {
+                    Some((event, taken)) => {
+                        if self.skipped > 0 {
+                            on_event(Event::Skipped { bytes: self.skipped });
+                            self.skipped = 0;
+                        }
+                        on_event(event);
+                        taken
+                    }
+                    None => {
+                        self.skipped = self.skipped.saturating_add(1);
+                        1
+                    }
+                };
+                self.buffer.drain(..taken);
+            }
+        }
+    }
+}
+
+/// The frame at the start of the buffer and its length; `Some(None)` where none can be there,
+/// `None` where more bytes must tell.
+#[allow(clippy::option_option, reason = "wait, nothing and something are three things")]
+fn candidate(side: Side, buffer: &[u8]) -> Option<Option<(Event<'_>, usize)>> {
+    let (&tag, after) = buffer.split_first()?;
+    if !side.is_tag(tag) {
+        return Some(None);
+    }
+    let (&length, after) = after.split_first()?;
+    if !side.fits(tag, usize::from(length)) {
+        return Some(None);
+    }
+    let payload = after.get(..usize::from(length))?;
+    let &end = after.get(usize::from(length))?;
+    let taken = usize::from(length) + 3;
+    if end != tag {
+        return Some(None);
+    }
+    // its real end is in the payload, and this is the next frame's start
+    if tag == TAG_DATA && payload.last() == Some(&tag) && *buffer.get(taken)? == length {
+        return Some(None);
+    }
+    let event = match (side, tag, payload) {
+        (Side::Device(_), TAG_SYSTEM, &[code]) => Event::System(Code::of(code)),
+        (Side::Device(output), TAG_DATA, _) => match DataFrame::of(payload, output) {
+            Some(frame) => Event::Data(frame),
+            None => return Some(None),
+        },
+        _ => Event::Other { tag, payload },
+    };
+    Some(Some((event, taken)))
+}
+
+impl Side {
+    fn is_tag(self, tag: u8) -> bool {
+        let answers = matches!(tag, 0xB1 | 0xB3 | TAG_DATA | 0xB5 | 0xBE | 0xC7 | 0xC9 | 0xCC)
+            || matches!(tag, TAG_DEVICE | 0xD2);
+        match self {
+            Side::Device(_) => answers || tag == TAG_SYSTEM,
+            // a device answers commands that it does not know
+            Side::Host => true,
+        }
+    }
+
+    fn fits(self, tag: u8, length: usize) -> bool {
+        match (self, tag) {
+            (Side::Device(_), TAG_SYSTEM) => length == 1,
+            (Side::Device(output), TAG_DATA) => length == output.payload_bytes(),
+            (Side::Device(_), _) => length > 0,
+            (Side::Host, _) => true,
+        }
+    }
+}

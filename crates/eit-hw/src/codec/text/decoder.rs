@@ -1,0 +1,276 @@
+//! Lines to frames.
+
+use super::{Framing, MAX_LINE_BYTES, TextFormat};
+use crate::error::HwError;
+use crate::frame::Quality;
+
+/// What a decoder found.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event<'a> {
+    /// A whole frame.
+    Frame {
+        /// Real parts, scaled.
+        values: &'a [f64],
+        /// Imaginary parts, scaled; empty where values are real.
+        imaginary: &'a [f64],
+        /// Flags that the limits of the format give.
+        quality: &'a [Quality],
+    },
+    /// A line that is no part of a frame, such as a banner; control characters are `?`.
+    Line(&'a str),
+    /// A frame that is not whole, told when that is known.
+    Skipped(Fault),
+}
+
+/// Why a frame was passed over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Fault {
+    /// A line has another number of values.
+    Values {
+        /// Values there are.
+        found: usize,
+        /// Values there should be.
+        wanted: usize,
+    },
+    /// The frame has another number of lines.
+    Lines {
+        /// Lines there are.
+        found: usize,
+        /// Lines there should be.
+        wanted: usize,
+    },
+    /// A field, from 0, is no number.
+    NotANumber {
+        /// Which.
+        field: usize,
+    },
+    /// A line is longer than [`MAX_LINE_BYTES`].
+    TooLong,
+    /// The start of the line was not received.
+    CutStart,
+}
+
+/// Decodes lines of numbers.
+///
+/// ```
+/// use eit_hw::codec::text::{Decoder, Event, TextFormat};
+/// let format = TextFormat { values_per_line: 3, ..TextFormat::default() };
+/// let mut frames = Vec::new();
+/// Decoder::new(format)?.push(b"5,6\n1,2.5,-3\r\n4,", &mut |event| {
+///     if let Event::Frame { values, .. } = event {
+///         frames.push(values.to_vec());
+///     }
+/// });
+/// assert_eq!(frames, [[1.0, 2.5, -3.0]]);
+/// # Ok::<(), eit_hw::HwError>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct Decoder {
+    format: TextFormat,
+    line: Vec<u8>,
+    line_is: Line,
+    /// Lines of the open frame; `None` between frames.
+    lines: Option<usize>,
+    fault: Option<Fault>,
+    /// Numbers of the open frame.
+    numbers: Vec<f64>,
+    values: Vec<f64>,
+    imaginary: Vec<f64>,
+    quality: Vec<Quality>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Line {
+    Whole,
+    CutStart,
+    TooLong,
+}
+
+impl Decoder {
+    /// A decoder; the bytes may start in the middle of a line and of a frame.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] where the format does not fit itself.
+    pub fn new(format: TextFormat) -> Result<Self, HwError> {
+        format.validate()?;
+        let (numbers, values) = (format.numbers(), format.measurements());
+        let imaginary = if format.complex { values } else { 0 };
+        Ok(Self {
+            format,
+            line: Vec::with_capacity(1024),
+            line_is: Line::CutStart,
+            lines: None,
+            fault: None,
+            numbers: Vec::with_capacity(numbers),
+            values: vec![0.0; values],
+            imaginary: vec![0.0; imaginary],
+            quality: vec![Quality::GOOD; values],
+        })
+    }
+
+    /// The format.
+    pub fn format(&self) -> &TextFormat {
+        &self.format
+    }
+
+    /// Forgets what is open. `at_frame_start`: the next byte starts a line and a frame, as after a
+    /// request that was sent into silence.
+    pub fn reset(&mut self, at_frame_start: bool) {
+        self.line.clear();
+        self.line_is = if at_frame_start { Line::Whole } else { Line::CutStart };
+        let open = at_frame_start && matches!(self.format.framing, Framing::EndLine(_));
+        self.lines = open.then_some(0);
+        self.fault = None;
+        self.numbers.clear();
+    }
+
+    /// Takes bytes as they arrive and calls `on_event` with what they complete.
+    pub fn push(&mut self, bytes: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
+        for &byte in bytes {
+            if byte != b'\n' && byte != b'\r' {
+                if self.line.len() < MAX_LINE_BYTES {
+                    self.line.push(byte);
+                } else {
+                    self.line_is = Line::TooLong;
+                }
+                continue;
+            }
+            let line = std::mem::take(&mut self.line);
+            self.take(line.trim_ascii(), on_event);
+            self.line = line;
+            self.line.clear();
+            self.line_is = Line::Whole;
+        }
+    }
+
+    fn take(&mut self, line: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
+        let cut = match self.line_is {
+            Line::Whole => None,
+            Line::CutStart => Some(Fault::CutStart),
+            Line::TooLong => Some(Fault::TooLong),
+        };
+        if line.is_empty() {
+            return;
+        }
+        let is = |mark: &String| cut.is_none() && line == mark.as_bytes();
+        // the framing is moved out while the frame is worked on
+        let framing = std::mem::replace(&mut self.format.framing, Framing::Lines);
+        match &framing {
+            Framing::Lines => {
+                self.open(on_event);
+                self.numbers(line, cut, on_event);
+                self.close(on_event);
+            }
+            Framing::StartLine(mark) if is(mark) => self.open(on_event),
+            Framing::EndLine(mark) if is(mark) => {
+                self.close(on_event);
+                self.open(on_event);
+            }
+            Framing::Prefix(mark) if cut.is_none() && line.starts_with(mark.as_bytes()) => {
+                self.open(on_event);
+                let rest = &line[mark.len()..];
+                let colon = rest.iter().position(|&byte| byte == b':').map_or(0, |at| at + 1);
+                self.numbers(&rest[colon..], None, on_event);
+                self.close_if_whole(on_event);
+            }
+            _ if self.lines.is_some() => {
+                self.numbers(line, cut, on_event);
+                // an end line ends a frame, whatever it holds
+                if !matches!(framing, Framing::EndLine(_)) {
+                    self.close_if_whole(on_event);
+                }
+            }
+            _ => Self::tell_line(line, on_event),
+        }
+        self.format.framing = framing;
+    }
+
+    fn tell_line(line: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
+        const MOST: usize = 200;
+        let text: String = String::from_utf8_lossy(&line[..line.len().min(MOST)])
+            .chars()
+            .map(|c| if c.is_control() { '?' } else { c })
+            .collect();
+        on_event(Event::Line(&text));
+    }
+
+    /// Starts a frame; one that is still open is not whole.
+    fn open(&mut self, on_event: &mut impl FnMut(Event<'_>)) {
+        if self.lines.is_some_and(|lines| lines > 0) {
+            self.close(on_event);
+        }
+        self.lines = Some(0);
+        self.fault = None;
+        self.numbers.clear();
+    }
+
+    fn numbers(&mut self, line: &[u8], cut: Option<Fault>, on_event: &mut impl FnMut(Event<'_>)) {
+        let before = self.numbers.len();
+        let separator = |byte: &u8| matches!(byte, b',' | b';' | b'\t' | b' ');
+        let (mut found, mut fault) = (0, cut);
+        for field in line.split(separator).filter(|field| !field.is_empty()) {
+            if fault.is_none() && found < self.format.values_per_line {
+                match self.format.number.parse(field) {
+                    Some(number) if self.numbers.len() < self.format.numbers() => {
+                        self.numbers.push(number);
+                    }
+                    Some(_) => {}
+                    None => fault = Some(Fault::NotANumber { field: found }),
+                }
+            }
+            found += 1;
+        }
+        // a banner between frames that end with a line
+        if before == 0
+            && self.lines == Some(0)
+            && matches!(fault, Some(Fault::NotANumber { field: 0 }))
+        {
+            self.numbers.clear();
+            return Self::tell_line(line, on_event);
+        }
+        let wanted = self.format.values_per_line;
+        let fault = fault.or((found != wanted).then_some(Fault::Values { found, wanted }));
+        self.fault = self.fault.or(fault);
+        self.lines = self.lines.map(|lines| lines.saturating_add(1));
+    }
+
+    fn close_if_whole(&mut self, on_event: &mut impl FnMut(Event<'_>)) {
+        if self.fault.is_some() || self.lines == Some(self.format.lines_per_frame) {
+            self.close(on_event);
+        }
+    }
+
+    fn close(&mut self, on_event: &mut impl FnMut(Event<'_>)) {
+        let Some(found) = self.lines.take() else { return };
+        let wanted = self.format.lines_per_frame;
+        if found == 0 {
+            return;
+        }
+        let fault = self.fault.or((found != wanted).then_some(Fault::Lines { found, wanted }));
+        if let Some(fault) = fault {
+            return on_event(Event::Skipped(fault));
+        }
+        let step = if self.format.complex { 2 } else { 1 };
+        let slots = self.values.iter_mut().zip(&mut self.quality).enumerate();
+        for ((index, (value, quality)), parts) in slots.zip(self.numbers.chunks_exact(step)) {
+            let mut size = 0.0_f64;
+            *quality = Quality::GOOD;
+            *value = parts[0] * self.format.scale;
+            for part in parts {
+                size = size.max(part.abs());
+            }
+            if let (&[_, imaginary], Some(slot)) = (parts, self.imaginary.get_mut(index)) {
+                *slot = imaginary * self.format.scale;
+            }
+            if self.format.saturated_from.is_some_and(|limit| size >= limit) {
+                *quality |= Quality::SATURATED;
+            }
+            if self.format.open_up_to.is_some_and(|limit| size <= limit) {
+                *quality |= Quality::OPEN;
+            }
+        }
+        let (values, imaginary, quality) = (&self.values, &self.imaginary, &self.quality);
+        on_event(Event::Frame { values, imaginary, quality });
+    }
+}

@@ -1,0 +1,84 @@
+//! Formats of public boards, from their firmware; none was verified on hardware.
+
+use super::{Framing, Number, TextFormat};
+
+impl TextFormat {
+    /// OpenEIT / Spectra (ADuCM350) with 8, 16 or 32 electrodes: `magnitudes: ` and 32, 192 or 896
+    /// magnitudes in ohm. Opposite drive, adjacent measurement. 0.0000 is an open circuit,
+    /// 134217727.9375 (0x7FFFFFFF with four fractional bits) saturation. `None` for another number.
+    ///
+    /// Source: github.com/OpenEIT/EIT_Firmware.
+    pub fn open_eit(electrodes: u32) -> Option<Self> {
+        let values_per_line = match electrodes {
+            8 => 32,
+            16 => 192,
+            32 => 896,
+            _ => return None,
+        };
+        Some(Self {
+            framing: Framing::Prefix("magnitudes".into()),
+            values_per_line,
+            saturated_from: Some(134_217_727.0),
+            open_up_to: Some(0.0),
+            ..Self::default()
+        })
+    }
+
+    /// EVAL-CN0565 with 16 electrodes, adjacent drive and measurement, voltages: `!V` and 208
+    /// complex values as unpadded hexadecimal integers, arbitrary unit. The codes have 18 bits.
+    ///
+    /// Source: Analog Devices' interactive firmware of the CN0565.
+    pub fn cn0565() -> Self {
+        Self {
+            framing: Framing::Prefix("!V".into()),
+            values_per_line: 416,
+            number: Number::HexInteger,
+            complex: true,
+            saturated_from: Some(131_071.0),
+            ..Self::default()
+        }
+    }
+
+    /// The skin board `black_sensor` (ESP32): a line `A`, then 16 lines of 16 counts, with the
+    /// driven electrodes; rails near 32 767.
+    ///
+    /// Source: github.com/richgumy/black_sensor.
+    pub fn black_sensor() -> Self {
+        Self {
+            framing: Framing::StartLine("A".into()),
+            lines_per_frame: 16,
+            values_per_line: 16,
+            saturated_from: Some(32_766.0),
+            ..Self::default()
+        }
+    }
+
+    /// EIT-Microcontroller (ESP32-S2 with ADS1115): 208 lines of volts, then `Done`.
+    ///
+    /// Source: github.com/RonAaron61/EIT-Microcontroller.
+    pub fn eit_microcontroller() -> Self {
+        Self {
+            framing: Framing::EndLine("Done".into()),
+            lines_per_frame: 208,
+            values_per_line: 1,
+            ..Self::default()
+        }
+    }
+
+    /// Serial line of the 16-electrode instrument whose logs [`serial_log`](crate::serial_log)
+    /// reads: a line `s`, then 16 lines of 13 decimals; full scale 6.55.
+    pub fn serial_16() -> Self {
+        Self {
+            framing: Framing::StartLine("s".into()),
+            lines_per_frame: 16,
+            values_per_line: 13,
+            saturated_from: Some(6.55),
+            ..Self::default()
+        }
+    }
+
+    /// One frame of `values` decimals a line.
+    pub fn csv(values: usize) -> Self {
+        Self { values_per_line: values, ..Self::default() }
+    }
+}

@@ -1,0 +1,351 @@
+//! EITS-1 instruments: see [`codec::eits1`](crate::codec::eits1) and docs/EITS-1.md.
+
+use std::time::{Duration, Instant};
+
+use super::{Driver, Found, Identity, Limits, RawFrame, Setup};
+use crate::codec::eits1::{
+    Configuration, Decoder, Event, Information, Kind, Message, Refusal, encode, flags,
+};
+use crate::error::{HwError, shortened};
+use crate::frame::{Quadruple, Quality};
+use crate::recording::Layout;
+use crate::transport::Link;
+
+/// One answer must come within this.
+const ANSWER_LIMIT: Duration = Duration::from_millis(500);
+/// So often a command is sent: each is idempotent, and a byte of it may be lost.
+const ATTEMPTS: u32 = 4;
+/// What a device may round its settings by, relative.
+const READ_BACK_ERROR: f32 = 0.01;
+
+/// Driver of EITS-1 instruments.
+///
+/// The header's flags "saturated" and "electrode off" mark every measurement of a frame that has no
+/// flags of its own for each: nothing says which.
+#[derive(Clone, Debug)]
+pub struct Eits1 {
+    configuration: Configuration,
+    decoder: Decoder,
+    command: u32,
+    complex: bool,
+    /// Last sequence and the count that it stands for.
+    last: Option<(u32, u64)>,
+    values: Vec<f64>,
+    imaginary: Vec<f64>,
+    quality: Vec<Quality>,
+    /// Bytes that came behind the last answer: the stream has begun.
+    early: Vec<u8>,
+}
+
+impl Eits1 {
+    /// A driver that measures these quadruples, in their order. `frequency_hz` 0 is direct current.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] for quadruples that EITS-1 cannot name, or a rate or current that is not
+    /// finite and above 0, or a frequency that is not finite and at least 0.
+    pub fn new(
+        quadruples: &[Quadruple],
+        frame_rate_hz: f32,
+        current_a: f32,
+        frequency_hz: f32,
+    ) -> Result<Self, HwError> {
+        for (name, value, least_ok) in [
+            ("frame_rate_hz", frame_rate_hz, false),
+            ("current_a", current_a, false),
+            ("frequency_hz", frequency_hz, true),
+        ] {
+            if !(value.is_finite() && (value > 0.0 || least_ok && value == 0.0)) {
+                let wanted = "a finite number above 0 (0 is direct current)";
+                return Err(HwError::Setting { name, value: value.to_string(), wanted });
+            }
+        }
+        let configuration = Configuration::new(quadruples, frame_rate_hz, current_a, frequency_hz)?;
+        let count = quadruples.len();
+        Ok(Self {
+            configuration,
+            decoder: Decoder::new(),
+            command: 0,
+            complex: false,
+            last: None,
+            values: vec![0.0; count],
+            imaginary: Vec::new(),
+            quality: vec![Quality::GOOD; count],
+            early: Vec::new(),
+        })
+    }
+
+    /// Sends a command until its answer of the kind `wanted` comes; the answer's payload.
+    fn ask(
+        &mut self,
+        link: &mut Link,
+        (kind, payload): (Kind, &[u8]),
+        wanted: Kind,
+        doing: &'static str,
+    ) -> Result<Vec<u8>, HwError> {
+        let mut buffer = [0; 4096];
+        self.early.clear();
+        for _ in 0..ATTEMPTS {
+            self.command = self.command.wrapping_add(1);
+            let sequence = self.command;
+            send(link, kind, sequence, payload)?;
+            let sent = Instant::now();
+            while sent.elapsed() < ANSWER_LIMIT {
+                let received = link.read(&mut buffer)?;
+                let (mut answer, mut refusal) = (None, None);
+                let mut bytes = buffer[..received].iter();
+                for byte in bytes.by_ref() {
+                    self.decoder.push(&[*byte], &mut |event| match event {
+                        Event::Message(m) if m.sequence == sequence && m.kind == wanted => {
+                            answer = Some(m.payload.to_vec());
+                        }
+                        Event::Message(m) if m.sequence == sequence && m.kind == Kind::Refusal => {
+                            refusal = Some(reason(m.payload));
+                        }
+                        _ => {}
+                    });
+                    if answer.is_some() {
+                        break;
+                    }
+                }
+                self.early.extend(bytes);
+                if let Some(answer) = answer {
+                    return Ok(answer);
+                }
+                if let Some(reason) = refusal {
+                    let endpoint = link.endpoint().to_string();
+                    return Err(HwError::Refused { endpoint, command: doing, reason });
+                }
+            }
+        }
+        Err(HwError::NoReply {
+            endpoint: link.endpoint().to_string(),
+            driver: "eits1",
+            wanted: match wanted {
+                Kind::Information => "EITS-1 information",
+                Kind::Configuration => "EITS-1 configuration",
+                _ => "EITS-1 acknowledgement",
+            },
+            waited_s: ANSWER_LIMIT.as_secs_f64() * f64::from(ATTEMPTS),
+        })
+    }
+
+    fn read_back(&self, link: &Link, found: &Configuration) -> Result<(), HwError> {
+        let wanted = &self.configuration;
+        let differs = |setting, wanted: String, found: String| {
+            let endpoint = link.endpoint().to_string();
+            Err(HwError::ReadBack { endpoint, setting, wanted, found })
+        };
+        for (setting, wanted, found) in [
+            ("the frame rate in Hz", wanted.frame_rate_hz, found.frame_rate_hz),
+            ("the current in A", wanted.current_a, found.current_a),
+            ("the frequency in Hz", wanted.frequency_hz, found.frequency_hz),
+        ] {
+            // a NaN is not near
+            let near = (found - wanted).abs() <= READ_BACK_ERROR * wanted.abs();
+            if !near {
+                return differs(setting, wanted.to_string(), found.to_string());
+            }
+        }
+        let pairs = wanted.quadruples.iter().zip(&found.quadruples);
+        if let Some((wanted, found)) = pairs.clone().find(|(wanted, found)| wanted != found) {
+            return differs("a measurement", format!("{wanted:?}"), format!("{found:?}"));
+        }
+        let (wanted, found) = (wanted.quadruples.len(), found.quadruples.len());
+        if wanted == found {
+            return Ok(());
+        }
+        differs("the number of measurements", wanted.to_string(), found.to_string())
+    }
+}
+
+fn send(link: &mut Link, kind: Kind, sequence: u32, payload: &[u8]) -> Result<(), HwError> {
+    let count = payload.len().min(usize::from(u16::MAX)) as u16;
+    // the first 0 ends what noise may have begun
+    let mut wire = vec![0];
+    let message = Message { kind, sequence, device_time_us: 0, flags: 0, count, payload };
+    encode(&message, &mut wire)?;
+    link.write(&wire)
+}
+
+fn reason(payload: &[u8]) -> String {
+    let (code, text) = match payload {
+        [_, code, text @ ..] => (*code, String::from_utf8_lossy(text)),
+        _ => return "no reason given".into(),
+    };
+    let known = [
+        (Refusal::UnknownKind, "unknown command"),
+        (Refusal::Length, "wrong length"),
+        (Refusal::Value, "value cannot be set"),
+        (Refusal::Busy, "busy"),
+        (Refusal::Hardware, "hardware failure"),
+    ];
+    let why = known.iter().find(|(refusal, _)| *refusal as u8 == code);
+    let why = why.map_or_else(|| format!("code {code}"), |(_, why)| (*why).to_owned());
+    let text = shortened(&text.replace(char::is_control, "?"));
+    if text.is_empty() { why } else { format!("{why} ({text})") }
+}
+
+impl Driver for Eits1 {
+    fn name(&self) -> &'static str {
+        "eits1"
+    }
+
+    fn connect(&mut self, link: &mut Link) -> Result<Setup, HwError> {
+        self.decoder.reset();
+        send(link, Kind::Stop, 0, &[])?;
+        link.drain(Duration::from_millis(60), Duration::from_millis(500))?;
+        let bytes = self.ask(link, (Kind::Identify, &[]), Kind::Information, "identify itself")?;
+        let not_read = |what| HwError::Refused {
+            endpoint: link.endpoint().to_string(),
+            command: what,
+            reason: "its answer is not of EITS-1 version 1".into(),
+        };
+        let information =
+            Information::from_bytes(&bytes).ok_or_else(|| not_read("identify itself"))?;
+        self.ask(link, (Kind::Stop, &[]), Kind::Acknowledgement, "stop")?;
+        let payload = self.configuration.to_bytes();
+        let command = (Kind::Configuration, &payload[..]);
+        let bytes = self.ask(link, command, Kind::Configuration, "use the configuration")?;
+        let found = Configuration::from_bytes(&bytes).ok_or_else(|| HwError::Refused {
+            endpoint: link.endpoint().to_string(),
+            command: "use the configuration",
+            reason: "its answer is not of EITS-1 version 1".into(),
+        })?;
+        self.read_back(link, &found)?;
+        let count = self.configuration.quadruples.len();
+        self.complex = information.complex;
+        self.imaginary = vec![0.0; if self.complex { count } else { 0 }];
+        let full_scale = f64::from(information.full_scale);
+        Ok(Setup {
+            identity: Identity {
+                driver: "eits1",
+                name: information.name,
+                serial: information.serial,
+            },
+            layout: Layout::Quadruples(
+                self.configuration.quadruples.iter().map(|q| q.map(u32::from)).collect(),
+            ),
+            value_count: count,
+            complex: self.complex,
+            unit: information.unit,
+            frame_rate_hz: Some(f64::from(found.frame_rate_hz)),
+            limits: Limits {
+                full_scale: (full_scale.is_finite() && full_scale > 0.0).then_some(full_scale),
+                open_up_to: None,
+                stuck_frames: Some(64),
+            },
+        })
+    }
+
+    fn start(&mut self, link: &mut Link) -> Result<(), HwError> {
+        self.last = None;
+        self.ask(link, (Kind::Start, &[]), Kind::Acknowledgement, "start").map(|_| ())
+    }
+
+    fn receive(&mut self, bytes: &[u8], on_found: &mut dyn FnMut(Found<'_>)) {
+        let Self { decoder, last, values, imaginary, quality, complex, early, .. } = self;
+        let mut on_event = |event: Event<'_>| {
+            let message = match event {
+                Event::Damaged { bytes, .. } => {
+                    return on_found(Found::Damaged { bytes: bytes as u64 });
+                }
+                Event::Message(message) => message,
+            };
+            match message.kind {
+                Kind::Frame => {}
+                Kind::Text => return on_found(Found::Notice(&text(message.payload))),
+                // it tells who it is when it starts
+                Kind::Information => return on_found(Found::Restarted),
+                _ => return,
+            }
+            let size = message.payload.len() as u64;
+            let Some(counter) = unwrapped(last, message.sequence) else {
+                // an older frame, or the same again
+                return on_found(Found::Damaged { bytes: size });
+            };
+            if message.measurements() != values.len() || message.is_complex() != *complex {
+                return on_found(Found::Damaged { bytes: size });
+            }
+            fill(&message, values, imaginary, quality);
+            on_found(Found::Frame(RawFrame {
+                values,
+                imaginary,
+                quality,
+                counter: Some(counter),
+                device_time_s: Some(message.device_time_us as f64 * 1e-6),
+            }));
+        };
+        decoder.push(&std::mem::take(early), &mut on_event);
+        decoder.push(bytes, &mut on_event);
+    }
+
+    fn stop(&mut self, link: &mut Link) -> Result<(), HwError> {
+        send(link, Kind::Stop, 0, &[])
+    }
+}
+
+/// The count without wrapping; `None` where it does not go forward.
+fn unwrapped(last: &mut Option<(u32, u64)>, sequence: u32) -> Option<u64> {
+    let count = match *last {
+        None => u64::from(sequence),
+        Some((before, count)) => {
+            let step = sequence.wrapping_sub(before);
+            if step == 0 || step > u32::MAX / 2 {
+                return None;
+            }
+            count + u64::from(step)
+        }
+    };
+    *last = Some((sequence, count));
+    Some(count)
+}
+
+fn fill(
+    message: &Message<'_>,
+    values: &mut [f64],
+    imaginary: &mut [f64],
+    flags_of: &mut [Quality],
+) {
+    let step = if message.is_complex() { 2 } else { 1 };
+    for (index, value) in message.values().map(f64::from).enumerate() {
+        let slot = if index % step == 0 {
+            values.get_mut(index / step)
+        } else {
+            imaginary.get_mut(index / step)
+        };
+        if let Some(slot) = slot {
+            *slot = value;
+        }
+    }
+    let mut all = Quality::GOOD;
+    if message.flags & flags::VALUE_FLAGS == 0 {
+        if message.flags & flags::SATURATED != 0 {
+            all |= Quality::SATURATED;
+        }
+        if message.flags & flags::ELECTRODE_OFF != 0 {
+            all |= Quality::OPEN;
+        }
+    }
+    for (slot, quality) in flags_of.iter_mut().zip(message.qualities()) {
+        *slot = quality | all;
+    }
+}
+
+fn text(payload: &[u8]) -> String {
+    String::from_utf8_lossy(payload).replace(char::is_control, "?")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::unwrapped;
+
+    #[test]
+    fn the_count_goes_on_where_the_sequence_wraps() {
+        let mut last = None;
+        assert_eq!(unwrapped(&mut last, u32::MAX), Some(u64::from(u32::MAX)));
+        assert_eq!(unwrapped(&mut last, u32::MAX), None);
+        assert_eq!(unwrapped(&mut last, 1), Some((1 << 32) + 1));
+        assert_eq!(unwrapped(&mut last, 0), None);
+        assert_eq!(unwrapped(&mut last, 2), Some((1 << 32) + 2));
+    }
+}

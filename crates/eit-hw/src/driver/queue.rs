@@ -1,0 +1,163 @@
+//! The queue between the reader thread and the consumer.
+
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use super::Event;
+use crate::error::HwError;
+use crate::frame::Frame;
+
+/// What happens when the consumer is slower than the instrument.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Overflow {
+    /// The oldest frame is dropped and counted: for a robot, which wants the present.
+    #[default]
+    KeepLatest,
+    /// The session ends with [`HwError::Overflow`]: for a recorder, which must not lose a frame.
+    Fail,
+}
+
+/// What a session has seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Statistics {
+    /// Frames received.
+    pub frames: u64,
+    /// Frames that the instrument sent or should have sent and that were not received, as far as
+    /// its counter or a cut frame shows.
+    pub lost: u64,
+    /// Received frames dropped because the consumer was slow.
+    pub dropped: u64,
+    /// Frames with a flag on some measurement.
+    pub flagged: u64,
+    /// Bytes received.
+    pub bytes: u64,
+    /// Bytes that were no message.
+    pub damaged_bytes: u64,
+    /// Times that the instrument was found again.
+    pub reconnections: u32,
+}
+
+#[derive(Debug)]
+pub(super) struct Queue {
+    state: Mutex<State>,
+    news: Condvar,
+    capacity: usize,
+    overflow: Overflow,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    events: VecDeque<Event>,
+    frames: usize,
+    /// Frames whose memory may be used again.
+    spare: Vec<Frame>,
+    statistics: Statistics,
+    /// Why the reader thread has ended.
+    end: Option<HwError>,
+    ended: bool,
+}
+
+impl Queue {
+    pub(super) fn new(capacity: usize, overflow: Overflow) -> Self {
+        let state = State {
+            // frames, and as many other events
+            events: VecDeque::with_capacity(2 * capacity + 16),
+            spare: Vec::with_capacity(capacity + 2),
+            ..State::default()
+        };
+        Self { state: Mutex::new(state), news: Condvar::new(), capacity, overflow }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        // no code panics while it holds the lock
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn count(&self, change: impl FnOnce(&mut Statistics)) {
+        change(&mut self.state().statistics);
+    }
+
+    pub(super) fn statistics(&self) -> Statistics {
+        self.state().statistics
+    }
+
+    /// A frame to fill.
+    pub(super) fn spare(&self) -> Option<Frame> {
+        self.state().spare.pop()
+    }
+
+    pub(super) fn recycle(&self, frame: Frame) {
+        let mut state = self.state();
+        if state.spare.len() < self.capacity + 2 {
+            state.spare.push(frame);
+        }
+    }
+
+    /// Adds an event; whether there was room.
+    pub(super) fn push(&self, event: Event) -> bool {
+        let mut state = self.state();
+        if let Event::Frame(frame) = &event {
+            state.statistics.frames += 1;
+            state.statistics.flagged +=
+                u64::from(frame.quality.iter().any(|quality| !quality.is_good()));
+            if state.frames == self.capacity {
+                if self.overflow == Overflow::Fail {
+                    return false;
+                }
+                let oldest = state.events.iter().position(|event| matches!(event, Event::Frame(_)));
+                if let Some(Event::Frame(frame)) =
+                    oldest.and_then(|oldest| state.events.remove(oldest))
+                {
+                    state.spare.push(frame);
+                    state.frames -= 1;
+                    state.statistics.dropped += 1;
+                }
+            }
+            state.frames += 1;
+        } else if state.events.len() >= 2 * self.capacity + 16 {
+            // news that nobody reads must not fill the memory; frames are bounded above
+            let oldest = state
+                .events
+                .iter()
+                .position(|event| matches!(event, Event::Notice(_) | Event::Gap { .. }));
+            if let Some(oldest) = oldest {
+                state.events.remove(oldest);
+            }
+        }
+        state.events.push_back(event);
+        drop(state);
+        self.news.notify_all();
+        true
+    }
+
+    /// The reader thread has ended.
+    pub(super) fn end(&self, error: Option<HwError>) {
+        let mut state = self.state();
+        state.end = error;
+        state.ended = true;
+        drop(state);
+        self.news.notify_all();
+    }
+
+    /// The next event, waiting for it; `None` after `timeout`, or at once when the thread has ended
+    /// and nothing is left.
+    pub(super) fn next(&self, timeout: Duration) -> Result<Option<Event>, HwError> {
+        let start = Instant::now();
+        let mut state = self.state();
+        loop {
+            if let Some(event) = state.events.pop_front() {
+                state.frames -= usize::from(matches!(event, Event::Frame(_)));
+                return Ok(Some(event));
+            }
+            if state.ended {
+                return state.end.take().map_or(Ok(None), Err);
+            }
+            let Some(left) = timeout.checked_sub(start.elapsed()).filter(|left| !left.is_zero())
+            else {
+                return Ok(None);
+            };
+            state = self.news.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+    }
+}

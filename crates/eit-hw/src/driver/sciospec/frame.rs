@@ -1,0 +1,170 @@
+//! Data frames of 16 channels put together to frames of the protocol.
+
+use super::{Polarity, SciospecSettings, groups};
+use crate::codec::sciospec::{DataFrame, GROUP};
+use crate::driver::{Found, RawFrame};
+use crate::frame::Quality;
+
+/// The share of drives that must agree on the polarity.
+const CLEAR_SHARE: f64 = 0.9;
+
+/// A frame being received. Data is placed by drive and channel group, never by how it came; groups
+/// beyond the electrodes in use are passed over.
+#[derive(Clone, Debug)]
+pub(super) struct Assembly {
+    drives: Vec<[u32; 2]>,
+    electrodes: usize,
+    groups: usize,
+    polarity: Polarity,
+    /// Sign of the values; `None` until it is measured.
+    sign: Option<f64>,
+    values: Vec<f64>,
+    imaginary: Vec<f64>,
+    quality: Vec<Quality>,
+    filled: Vec<bool>,
+    filled_count: usize,
+    /// Cell of the last data frame.
+    last_cell: usize,
+    time: Option<f64>,
+    /// The clock's last reading and the count of its wraps.
+    clock: (u32, u64),
+}
+
+impl Assembly {
+    pub(super) fn new(settings: &SciospecSettings) -> Self {
+        let electrodes = settings.electrodes as usize;
+        let (groups, count) = (groups(settings.electrodes), settings.drives.len() * electrodes);
+        let mut assembly = Self {
+            drives: settings.drives.clone(),
+            electrodes,
+            groups,
+            polarity: settings.polarity,
+            sign: None,
+            values: vec![0.0; count],
+            imaginary: vec![0.0; count],
+            quality: vec![Quality::GOOD; count],
+            filled: vec![false; settings.drives.len() * groups],
+            filled_count: 0,
+            last_cell: 0,
+            time: None,
+            clock: (0, 0),
+        };
+        assembly.reset();
+        assembly
+    }
+
+    /// A new stream.
+    pub(super) fn reset(&mut self) {
+        self.sign = match self.polarity {
+            Polarity::Measured => None,
+            Polarity::AsListed => Some(1.0),
+            Polarity::Reversed => Some(-1.0),
+        };
+        self.clock = (0, 0);
+        self.clear();
+    }
+
+    fn clear(&mut self) {
+        self.values.fill(f64::NAN);
+        self.imaginary.fill(f64::NAN);
+        self.quality.fill(Quality::MISSING);
+        self.filled.fill(false);
+        self.filled_count = 0;
+        self.last_cell = 0;
+        self.time = None;
+    }
+
+    /// Takes one data frame.
+    pub(super) fn take(&mut self, data: &DataFrame, on_found: &mut dyn FnMut(Found<'_>)) {
+        let Some([a, b]) = data.drive.map(|drive| drive.map(|electrode| u32::from(electrode) - 1))
+        else {
+            return;
+        };
+        // some firmware may list a pair the other way round
+        let same = |pair: &[u32; 2]| *pair == [a, b] || *pair == [b, a];
+        let Some(drive) = self.drives.iter().position(same) else {
+            return on_found(Found::Damaged { bytes: 1 });
+        };
+        let group = usize::from(data.group) - 1;
+        if group >= self.groups {
+            return;
+        }
+        let cell = drive * self.groups + group;
+        if self.filled_count > 0 && (self.filled[cell] || cell < self.last_cell) {
+            self.finish(on_found);
+        }
+        self.last_cell = cell;
+        self.filled[cell] = true;
+        self.filled_count += 1;
+        let time = data.time_ms.map(|time| self.unwrapped(time));
+        self.time = self.time.or(time);
+        let first = drive * self.electrodes + group * GROUP;
+        let wanted = (self.electrodes - group * GROUP).min(GROUP);
+        for (offset, [real, imaginary]) in data.potentials_v.iter().take(wanted).enumerate() {
+            self.values[first + offset] = f64::from(*real);
+            self.imaginary[first + offset] = f64::from(*imaginary);
+            self.quality[first + offset] = Quality::GOOD;
+        }
+        if self.filled_count == self.filled.len() {
+            self.finish(on_found);
+        }
+    }
+
+    /// Seconds of the device's clock, which wraps after 49.7 days.
+    fn unwrapped(&mut self, time_ms: u32) -> f64 {
+        let (last, wraps) = self.clock;
+        let wraps = wraps + u64::from(time_ms < last && last - time_ms > u32::MAX / 2);
+        self.clock = (time_ms, wraps);
+        ((wraps << 32) + u64::from(time_ms)) as f64 * 1e-3
+    }
+
+    fn finish(&mut self, on_found: &mut dyn FnMut(Found<'_>)) {
+        // of less than half a frame nothing can be made
+        if 2 * self.filled_count < self.filled.len() {
+            on_found(Found::Cut);
+            return self.clear();
+        }
+        if self.sign.is_none() {
+            let sign = self.measured_sign();
+            self.sign = Some(sign.unwrap_or(1.0));
+            on_found(Found::Notice(match sign {
+                Some(1.0) => "polarity: current enters at the first electrode of a drive",
+                Some(_) => "polarity: current enters at the second electrode of a drive; corrected",
+                None => "polarity: not clear from this frame; taken as listed",
+            }));
+        }
+        let sign = self.sign.unwrap_or(1.0);
+        for part in [&mut self.values, &mut self.imaginary] {
+            part.iter_mut().for_each(|value| *value *= sign);
+        }
+        on_found(Found::Frame(RawFrame {
+            values: &self.values,
+            imaginary: &self.imaginary,
+            quality: &self.quality,
+            counter: None,
+            device_time_s: self.time,
+        }));
+        self.clear();
+    }
+
+    /// The sign of the drives, by whether Re u(a) > Re u(b).
+    fn measured_sign(&self) -> Option<f64> {
+        let (mut seen, mut forward) = (0.0, 0.0);
+        for (drive, &[a, b]) in self.drives.iter().enumerate() {
+            let potential =
+                |electrode: u32| self.values[drive * self.electrodes + electrode as usize];
+            let difference = potential(a) - potential(b);
+            if difference != 0.0 && difference.is_finite() {
+                seen += 1.0;
+                forward += f64::from(u8::from(difference > 0.0));
+            }
+        }
+        if seen > 0.0 && forward >= CLEAR_SHARE * seen {
+            Some(1.0)
+        } else if seen > 0.0 && forward <= (1.0 - CLEAR_SHARE) * seen {
+            Some(-1.0)
+        } else {
+            None
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! What a Sciospec instrument is told.
+
+use crate::error::HwError;
+use crate::frame::Quadruple;
+
+/// Gain of the voltmeters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Gain {
+    /// 1.
+    #[default]
+    X1,
+    /// 10.
+    X10,
+    /// 100.
+    X100,
+    /// 1000.
+    X1000,
+}
+
+impl Gain {
+    /// As a number.
+    pub const fn factor(self) -> f64 {
+        match self {
+            Self::X1 => 1.0,
+            Self::X10 => 10.0,
+            Self::X100 => 100.0,
+            Self::X1000 => 1000.0,
+        }
+    }
+}
+
+/// Range of the converters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Range {
+    /// ±1 V.
+    #[default]
+    V1,
+    /// ±5 V.
+    V5,
+    /// ±10 V.
+    V10,
+}
+
+impl Range {
+    /// Its end in volt.
+    pub const fn volts(self) -> f64 {
+        match self {
+            Self::V1 => 1.0,
+            Self::V5 => 5.0,
+            Self::V10 => 10.0,
+        }
+    }
+}
+
+/// How wide electrode numbers are in the command that adds a drive; it depends on the firmware.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PairWidth {
+    /// 8 bits, as sciopy and eit_app send.
+    #[default]
+    Byte,
+    /// 16 bits, as PrinceDinali's interface to an EIT32 sends.
+    Word,
+}
+
+/// At which electrode of a listed pair current enters the skin. Public sources disagree.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Polarity {
+    /// It is seen in the potentials of the driven electrodes, from each stream's first frame: the
+    /// one where current enters has the higher real part.
+    #[default]
+    Measured,
+    /// At the first.
+    AsListed,
+    /// At the second: values change their sign.
+    Reversed,
+}
+
+/// Settings of a Sciospec instrument, in single-ended mode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SciospecSettings {
+    /// Electrodes in use, 2 to 128: channels 1 to this.
+    pub electrodes: u32,
+    /// Driven pairs [a, b], electrodes from 0.
+    pub drives: Vec<[u32; 2]>,
+    /// Amplitude of the current, 100 nA to 10 mA.
+    pub current_a: f64,
+    /// 100 Hz to 1 MHz.
+    pub frequency_hz: f32,
+    /// 0.1 to 100 frames a second; how fast it can be depends on drives and frequency.
+    pub frame_rate_hz: f32,
+    /// Gain.
+    pub gain: Gain,
+    /// Range.
+    pub range: Range,
+    /// Width of electrode numbers.
+    pub pair_width: PairWidth,
+    /// Sign of the current.
+    pub polarity: Polarity,
+}
+
+impl SciospecSettings {
+    /// Settings that measure these quadruples: each drive once, in the order of its first use.
+    pub fn for_quadruples(electrodes: u32, quadruples: &[Quadruple]) -> Self {
+        let mut drives: Vec<[u32; 2]> = Vec::new();
+        for &[a, b, ..] in quadruples {
+            if !drives.contains(&[a, b]) && !drives.contains(&[b, a]) {
+                drives.push([a, b]);
+            }
+        }
+        Self {
+            electrodes,
+            drives,
+            current_a: 1e-3,
+            frequency_hz: 1e4,
+            frame_rate_hz: 10.0,
+            gain: Gain::default(),
+            range: Range::default(),
+            pair_width: PairWidth::default(),
+            polarity: Polarity::default(),
+        }
+    }
+
+    /// Whether the settings can be.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] names the first that cannot.
+    pub fn validate(&self) -> Result<(), HwError> {
+        let refuse = |name, value: String, wanted| Err(HwError::Setting { name, value, wanted });
+        if !(2..=128).contains(&self.electrodes) {
+            return refuse("electrodes", self.electrodes.to_string(), "2 to 128");
+        }
+        if self.drives.is_empty() || self.drives.len() > 16_384 {
+            return refuse("number of drives", self.drives.len().to_string(), "1 to 16384");
+        }
+        for (index, &[a, b]) in self.drives.iter().enumerate() {
+            if a == b || a.max(b) >= self.electrodes {
+                let wanted = "two different electrodes (from 0) below `electrodes`";
+                return refuse("drive", format!("({a}, {b})"), wanted);
+            }
+            let before = &self.drives[..index];
+            if before.contains(&[a, b]) || before.contains(&[b, a]) {
+                return refuse("drive", format!("({a}, {b})"), "each pair once, in one direction");
+            }
+        }
+        if !(1e-7..=1e-2).contains(&self.current_a) {
+            return refuse("current_a", self.current_a.to_string(), "1e-7 to 1e-2");
+        }
+        if !(1e2..=1e6).contains(&self.frequency_hz) {
+            return refuse("frequency_hz", self.frequency_hz.to_string(), "100 to 1e6");
+        }
+        if !(0.1..=100.0).contains(&self.frame_rate_hz) {
+            return refuse("frame_rate_hz", self.frame_rate_hz.to_string(), "0.1 to 100");
+        }
+        Ok(())
+    }
+
+    /// Payloads of the set-up commands and what each does, in their order.
+    pub(super) fn commands(&self) -> Vec<(Vec<u8>, &'static str)> {
+        let frequency = self.frequency_hz.to_be_bytes();
+        let join = |parts: &[&[u8]]| parts.concat();
+        let mut commands = vec![
+            (vec![0x01], "reset its set-up"),
+            (vec![0x02, 0, 0], "send frames without end"),
+            (join(&[&[0x05], &self.current_a.to_be_bytes()]), "use the current `current_a`"),
+            (vec![0x0D, 1 + self.range as u8], "use the range"),
+            (vec![0x09, 1, self.gain as u8], "use the gain"),
+            (vec![0x08, 1, 1], "measure single-ended"),
+            (vec![0x0C, 1], "use its relays"),
+            (join(&[&[0x03], &self.frame_rate_hz.to_be_bytes()]), "use `frame_rate_hz`"),
+            (join(&[&[0x04], &frequency, &frequency, &[0, 1, 0]]), "use `frequency_hz`"),
+        ];
+        for drive in &self.drives {
+            // from 1 on the wire; validated to be at most 128
+            let [a, b] = drive.map(|electrode| (electrode + 1) as u8);
+            let payload = match self.pair_width {
+                PairWidth::Byte => vec![0x06, a, b],
+                PairWidth::Word => vec![0x06, 0, a, 0, b],
+            };
+            commands.push((payload, "add a drive"));
+        }
+        commands
+    }
+}

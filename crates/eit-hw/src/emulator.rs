@@ -1,0 +1,215 @@
+//! Instruments that are programs: the same bytes from the other side.
+//!
+//! An [`Emulator`] runs a [`Device`] behind a TCP port or, with the feature `serial` on Unix, behind
+//! a pseudo-terminal, which a program opens like any serial port. It answers commands, keeps its
+//! set-up, sends frames at the frame rate with values of the caller, and damages what it sends
+//! after a [`FaultPlan`]. A pseudo-terminal is not as slow as a serial line: only frames are paced.
+
+mod boards;
+mod eits1;
+mod fault;
+mod port;
+mod sciospec;
+
+pub use boards::BoardDevice;
+pub use eits1::Eits1Device;
+pub use fault::FaultPlan;
+pub use port::Listen;
+pub use sciospec::{PotentialSource, SciospecDevice};
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use self::fault::Faults;
+use self::port::Host;
+use crate::error::HwError;
+use crate::frame::Quadruple;
+use crate::transport::Endpoint;
+
+/// Bytes that wait for a host that does not read; more are lost, as on a line without flow control.
+const MOST_PENDING: usize = 1 << 20;
+
+/// Gives the values of a frame: its number, the quadruples, the values to fill (real and imaginary
+/// parts alternating where the device is complex).
+pub type ValueSource = Box<dyn FnMut(u64, &[Quadruple], &mut [f64]) + Send>;
+
+/// One protocol from the instrument's side. Times are since the emulator has started.
+pub trait Device: Send {
+    /// Takes bytes of the host and appends the answers to `out`.
+    fn receive(&mut self, bytes: &[u8], now: Duration, out: &mut Vec<u8>);
+
+    /// Appends what is due.
+    fn poll(&mut self, now: Duration, out: &mut Vec<u8>);
+
+    /// It was unplugged, or has lost power, and forgets its set-up.
+    fn power_cycle(&mut self);
+}
+
+/// What an emulator has done.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EmulatorStatistics {
+    /// Bytes sent, after faults.
+    pub sent: u64,
+    /// Bytes received.
+    pub received: u64,
+    /// Faults made: bytes dropped, changed or inserted, pauses, unplugs.
+    pub faults: u64,
+}
+
+#[derive(Debug, Default)]
+struct Counters {
+    sent: AtomicU64,
+    received: AtomicU64,
+    faults: AtomicU64,
+}
+
+/// A running emulator; dropping it unplugs the instrument.
+#[derive(Debug)]
+pub struct Emulator {
+    endpoint: Endpoint,
+    quit: Arc<AtomicBool>,
+    counters: Arc<Counters>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Emulator {
+    /// Starts a device.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] for a fault plan that cannot be, [`HwError::Open`] where the port cannot
+    /// be made.
+    pub fn start(
+        device: Box<dyn Device>,
+        listen: &Listen,
+        faults: FaultPlan,
+    ) -> Result<Self, HwError> {
+        faults.validate()?;
+        let host = Host::new(listen)?;
+        let endpoint = host.endpoint();
+        let quit = Arc::new(AtomicBool::new(false));
+        let counters = Arc::new(Counters::default());
+        let (stop, count) = (Arc::clone(&quit), Arc::clone(&counters));
+        let thread = std::thread::Builder::new()
+            .name("eit-emulator".into())
+            .spawn(move || run(device, host, Faults::new(faults), &stop, &count))
+            .map_err(|source| HwError::Open {
+                endpoint: endpoint.to_string(),
+                source,
+                mend: "run fewer threads",
+            })?;
+        Ok(Self { endpoint, quit, counters, thread: Some(thread) })
+    }
+
+    /// Where a driver finds it.
+    pub fn endpoint(&self) -> &Endpoint {
+        &self.endpoint
+    }
+
+    /// Counts so far.
+    pub fn statistics(&self) -> EmulatorStatistics {
+        EmulatorStatistics {
+            sent: self.counters.sent.load(Ordering::Relaxed),
+            received: self.counters.received.load(Ordering::Relaxed),
+            faults: self.counters.faults.load(Ordering::Relaxed),
+        }
+    }
+
+    /// Ends it.
+    pub fn stop(&mut self) {
+        self.quit.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // it does not panic unless the caller's source of values does
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        self.stop();
+    }
+}
+
+fn run(
+    mut device: Box<dyn Device>,
+    mut host: Host,
+    mut faults: Faults,
+    quit: &AtomicBool,
+    counters: &Counters,
+) {
+    let start = Instant::now();
+    let mut pending: Vec<u8> = Vec::new();
+    let (mut out, mut buffer) = (Vec::new(), [0; 4096]);
+    let mut silent_until = Duration::ZERO;
+    while !quit.load(Ordering::Relaxed) {
+        out.clear();
+        let received = host.read(&mut buffer);
+        counters.received.fetch_add(received as u64, Ordering::Relaxed);
+        let now = start.elapsed();
+        if received > 0 {
+            device.receive(&buffer[..received], now, &mut out);
+        }
+        device.poll(now, &mut out);
+        let effect = faults.damage(&mut out);
+        counters.faults.fetch_add(effect.faults, Ordering::Relaxed);
+        // while nobody listens, what is sent is gone
+        if host.is_open() && pending.len() < MOST_PENDING {
+            pending.append(&mut out);
+        }
+        if let Some(pause) = effect.pause {
+            silent_until = now + pause;
+        }
+        if effect.unplug {
+            pending.clear();
+            host.unplug();
+            device.power_cycle();
+            sleep(faults.unplugged(), quit);
+            host.plug();
+        }
+        if now >= silent_until && !pending.is_empty() {
+            let sent = host.write(&pending);
+            counters.sent.fetch_add(sent as u64, Ordering::Relaxed);
+            pending.drain(..sent);
+        }
+        if !host.is_open() {
+            pending.clear();
+        }
+    }
+}
+
+fn sleep(time: Duration, quit: &AtomicBool) {
+    let start = Instant::now();
+    while start.elapsed() < time && !quit.load(Ordering::Relaxed) {
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// When frames are due.
+#[derive(Clone, Debug)]
+struct Pace {
+    period: Duration,
+    next: Duration,
+}
+
+impl Pace {
+    /// `frame_rate_hz` is taken to be at least one frame in an hour and at most 100 000 a second.
+    fn new(frame_rate_hz: f64, now: Duration) -> Self {
+        let period_s = (1.0 / frame_rate_hz).clamp(1e-5, 3600.0);
+        Self { period: Duration::from_secs_f64(period_s), next: now }
+    }
+
+    /// Whether a frame is due; if so, the next one is a period later.
+    fn is_due(&mut self, now: Duration) -> bool {
+        if now < self.next {
+            return false;
+        }
+        self.next += self.period;
+        // a computer that slept does not send all at once
+        if self.next + Duration::from_secs(1) < now {
+            self.next = now;
+        }
+        true
+    }
+}

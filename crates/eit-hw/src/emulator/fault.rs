@@ -1,0 +1,172 @@
+//! Damage to what an emulator sends.
+
+use std::time::Duration;
+
+use crate::error::HwError;
+
+/// What goes wrong, drawn from a seed. The default is nothing.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FaultPlan {
+    /// Seed of all draws.
+    pub seed: u64,
+    /// So many bytes are sent before anything goes wrong.
+    pub spared_bytes: u64,
+    /// Probability that a byte is lost.
+    pub drop_byte: f64,
+    /// Probability that one bit of a byte is flipped.
+    pub flip_bit: f64,
+    /// Probability that a byte of garbage comes before a byte.
+    pub insert_byte: f64,
+    /// Probability that the line is silent after a byte; what is sent then comes late.
+    pub pause: f64,
+    /// For so long.
+    pub pause_s: f64,
+    /// The instrument is unplugged once so many bytes have been sent, rising.
+    pub unplug_after_bytes: Vec<u64>,
+    /// It is plugged in again after so long.
+    pub unplugged_s: f64,
+}
+
+impl FaultPlan {
+    /// Whether the plan can be.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] names what cannot.
+    pub fn validate(&self) -> Result<(), HwError> {
+        for (name, value, most) in [
+            ("drop_byte", self.drop_byte, 1.0),
+            ("flip_bit", self.flip_bit, 1.0),
+            ("insert_byte", self.insert_byte, 1.0),
+            ("pause", self.pause, 1.0),
+            ("pause_s", self.pause_s, 3600.0),
+            ("unplugged_s", self.unplugged_s, 3600.0),
+        ] {
+            if !(0.0..=most).contains(&value) {
+                let wanted = "a probability of 0 to 1, or 0 to 3600 s";
+                return Err(HwError::Setting { name, value: value.to_string(), wanted });
+            }
+        }
+        if !self.unplug_after_bytes.is_sorted() {
+            let value = format!("{:?}", self.unplug_after_bytes);
+            return Err(HwError::Setting { name: "unplug_after_bytes", value, wanted: "rising" });
+        }
+        Ok(())
+    }
+}
+
+/// What damage was done.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Effect {
+    pub(super) faults: u64,
+    pub(super) pause: Option<Duration>,
+    pub(super) unplug: bool,
+}
+
+/// A plan being carried out.
+#[derive(Debug)]
+pub(super) struct Faults {
+    plan: FaultPlan,
+    state: u64,
+    sent: u64,
+    unplugs: usize,
+    damaged: Vec<u8>,
+}
+
+impl Faults {
+    pub(super) fn new(plan: FaultPlan) -> Self {
+        Self { state: plan.seed, plan, sent: 0, unplugs: 0, damaged: Vec::new() }
+    }
+
+    pub(super) fn unplugged(&self) -> Duration {
+        Duration::from_secs_f64(self.plan.unplugged_s)
+    }
+
+    /// SplitMix64 (Steele, Lea and Flood 2014).
+    fn draw(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    fn happens(&mut self, probability: f64) -> bool {
+        // 53 bits are a number in [0, 1)
+        probability > 0.0 && ((self.draw() >> 11) as f64) * f64::EPSILON / 2.0 < probability
+    }
+
+    /// Damages bytes on their way. Bytes after an unplug are lost.
+    pub(super) fn damage(&mut self, bytes: &mut Vec<u8>) -> Effect {
+        let mut effect = Effect::default();
+        if bytes.is_empty() || self.plan == FaultPlan::default() {
+            return effect;
+        }
+        let mut damaged = std::mem::take(&mut self.damaged);
+        damaged.clear();
+        let plan = self.plan.clone();
+        for &byte in bytes.iter() {
+            self.sent += 1;
+            if plan.unplug_after_bytes.get(self.unplugs).is_some_and(|&at| self.sent >= at) {
+                self.unplugs += 1;
+                effect.faults += 1;
+                effect.unplug = true;
+                break;
+            }
+            if self.sent <= plan.spared_bytes {
+                damaged.push(byte);
+                continue;
+            }
+            if self.happens(plan.insert_byte) {
+                effect.faults += 1;
+                damaged.push((self.draw() >> 56) as u8);
+            }
+            if self.happens(plan.pause) {
+                effect.faults += 1;
+                effect.pause = Some(Duration::from_secs_f64(plan.pause_s));
+            }
+            if self.happens(plan.drop_byte) {
+                effect.faults += 1;
+            } else if self.happens(plan.flip_bit) {
+                effect.faults += 1;
+                damaged.push(byte ^ (1 << (self.draw() >> 61)));
+            } else {
+                damaged.push(byte);
+            }
+        }
+        std::mem::swap(bytes, &mut damaged);
+        self.damaged = damaged;
+        effect
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_seed_does_the_same_damage_however_bytes_come() {
+        let plan = FaultPlan {
+            seed: 7,
+            spared_bytes: 100,
+            drop_byte: 0.01,
+            flip_bit: 0.01,
+            insert_byte: 0.01,
+            ..FaultPlan::default()
+        };
+        let damage = |piece: usize| {
+            let mut faults = Faults::new(plan.clone());
+            let (mut all, mut count) = (Vec::new(), 0);
+            for chunk in vec![0x55_u8; 100_000].chunks(piece) {
+                let mut bytes = chunk.to_vec();
+                count += faults.damage(&mut bytes).faults;
+                all.extend(bytes);
+            }
+            (all, count)
+        };
+        let (bytes, count) = damage(1000);
+        assert_eq!(damage(7), (bytes.clone(), count));
+        assert_eq!(bytes[..100], [0x55; 100]);
+        // three in a hundred of 100 000, five standard deviations of 54
+        assert!(count.abs_diff(2990) < 270, "{count}");
+    }
+}

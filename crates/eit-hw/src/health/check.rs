@@ -1,0 +1,321 @@
+//! Whether an instrument and its skin are fit for use, and what to try where they are not.
+
+mod finding;
+
+pub use finding::{Finding, Severity, Trouble, Verdict};
+
+use ndarray::ArrayView1;
+
+use super::reciprocity_error;
+use crate::error::{HwError, Place};
+use crate::frame::{Quadruple, Quality};
+use crate::recording::MeasuredFrames;
+
+/// Median absolute deviation to standard deviation of a normal distribution.
+const MAD_TO_STD: f64 = 1.4826;
+/// A reciprocity error above this is a fault; see [`reciprocity_error`]: right orders with sound
+/// contacts are below 0.15 on every real recording at hand.
+const DOUBTED_ERROR: f64 = 0.2;
+/// Without the electrode at fault, the error is so many times smaller.
+const CLEAR_FACTOR: f64 = 3.0;
+/// An electrode whose measurements are so many times as noisy as the rest.
+const NOISY_FACTOR: f64 = 4.0;
+/// The share of an electrode's values with a flag that is a fault of this electrode.
+const FLAGGED_SHARE: f64 = 0.5;
+/// The share of all values, or of frames, from which on a loss is told.
+const LOST_SHARE: f64 = 0.01;
+/// Relative error of the frame rate from which on it is told.
+const RATE_ERROR: f64 = 0.05;
+/// A drift of the whole is told from so many times the noise of one value on.
+const DRIFT_FACTOR: f64 = 5.0;
+/// With fewer frames there is no noise to speak of.
+const LEAST_FRAMES: usize = 8;
+
+/// What is known of the stream beside its values.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StreamFacts {
+    /// Frames that were lost, such as [`Statistics::lost`](crate::driver::Statistics::lost).
+    pub lost_frames: u64,
+    /// Frames a second that were asked for.
+    pub wanted_rate_hz: Option<f64>,
+}
+
+/// The state of one electrode.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ElectrodeHealth {
+    /// Measurements that it is part of.
+    pub measurements: usize,
+    /// Share of their values with a flag.
+    pub flagged_share: f64,
+    /// Median noise of the measurements that sense at it, over that of all; NaN without noise.
+    pub noise_ratio: f64,
+    /// Reciprocity error of the measurements that it is no part of; `None` where there are no
+    /// reciprocal ones. Far below the whole's, this electrode is at fault.
+    pub reciprocity_without: Option<f64>,
+}
+
+/// What was found out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HealthReport {
+    /// Reciprocity error of the mean frame, see [`reciprocity_error`].
+    pub reciprocity: Option<f64>,
+    /// Standard deviation of each measurement's noise, from the median absolute difference of
+    /// successive frames: neither drift nor single outliers count. In the unit of the values.
+    pub noise_std: Vec<f64>,
+    /// Change of each measurement from the first to the last quarter of the frames.
+    pub drift: Vec<f64>,
+    /// Median over the measurements of 20 lg(|mean| / noise), in dB.
+    pub signal_to_noise_db: Option<f64>,
+    /// Frames a second by the instrument's clock.
+    pub frame_rate_hz: Option<f64>,
+    /// Lost frames over all that were sent.
+    pub lost_share: f64,
+    /// Each electrode, from 0.
+    pub electrodes: Vec<ElectrodeHealth>,
+    /// What is wrong, worst first.
+    pub findings: Vec<Finding>,
+}
+
+impl HealthReport {
+    /// The worst of the findings.
+    pub fn verdict(&self) -> Verdict {
+        match self.findings.first().map(|finding| finding.severity) {
+            None => Verdict::Good,
+            Some(Severity::Warning) => Verdict::Usable,
+            Some(Severity::Fault) => Verdict::Faulty,
+        }
+    }
+}
+
+/// Checks frames that were taken while nothing touched the skin.
+///
+/// `quadruples` are those of the measurements, in the frames' order.
+///
+/// # Errors
+/// [`HwError::QuadrupleCount`] where they are not as many as the frames' values, and
+/// [`HwError::Count`] for fewer than 8 frames.
+pub fn check_health(
+    frames: &MeasuredFrames,
+    quadruples: &[Quadruple],
+    facts: &StreamFacts,
+) -> Result<HealthReport, HwError> {
+    let (found, count) = frames.values.dim();
+    if quadruples.len() != count {
+        return Err(HwError::QuadrupleCount { quadruples: quadruples.len(), count });
+    }
+    if found < LEAST_FRAMES {
+        return Err(HwError::Count {
+            place: Place::file("health check".as_ref()),
+            what: "frames",
+            found,
+            wanted: LEAST_FRAMES,
+            mend: "record a second or more of the untouched skin",
+        });
+    }
+    let mean = frames.mean_frame();
+    let columns = || frames.values.columns().into_iter().zip(frames.quality.columns());
+    let noise_std: Vec<f64> = columns().map(|(v, q)| noise_std(v, q)).collect();
+    let drift = drift(frames);
+    let ratios =
+        mean.iter().zip(&noise_std).map(|(mean, noise)| 20.0 * (mean.abs() / noise).log10());
+    let signal_to_noise_db = median(ratios.filter(|ratio| ratio.is_finite()).collect());
+    let rate = frames.device_time_s.as_ref().and_then(|times| {
+        let span = times.last()? - times.first()?;
+        // lost frames were measured too
+        let steps = (times.len() - 1) as f64 + facts.lost_frames as f64;
+        (span > 0.0).then_some(steps / span)
+    });
+    let mut report = HealthReport {
+        reciprocity: reciprocity_error(quadruples, &mean),
+        electrodes: electrodes(frames, quadruples, &mean, &noise_std),
+        noise_std,
+        drift,
+        signal_to_noise_db,
+        frame_rate_hz: rate,
+        lost_share: facts.lost_frames as f64 / (facts.lost_frames as f64 + found as f64),
+        findings: Vec::new(),
+    };
+    report.findings = findings(&report, frames, quadruples, facts);
+    report.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+    Ok(report)
+}
+
+/// Of the good pairs of successive values; NaN where there are fewer than three.
+fn noise_std(values: ArrayView1<'_, f64>, quality: ArrayView1<'_, Quality>) -> f64 {
+    let good = |index: usize| quality[index].is_good() && values[index].is_finite();
+    let steps = (1..values.len())
+        .filter(|&index| good(index) && good(index - 1))
+        .map(|index| (values[index] - values[index - 1]).abs())
+        .collect::<Vec<_>>();
+    if steps.len() < 3 {
+        return f64::NAN;
+    }
+    median(steps).map_or(f64::NAN, |median| MAD_TO_STD * median / std::f64::consts::SQRT_2)
+}
+
+fn drift(frames: &MeasuredFrames) -> Vec<f64> {
+    let count = frames.values.nrows();
+    let quarter = (count / 4).max(1);
+    let (first, _) = frames.mean_of(0..quarter);
+    let (last, _) = frames.mean_of(count - quarter..count);
+    last.iter().zip(first).map(|(last, first)| last - first).collect()
+}
+
+fn electrodes(
+    frames: &MeasuredFrames,
+    quadruples: &[Quadruple],
+    mean: &[f64],
+    noise_std: &[f64],
+) -> Vec<ElectrodeHealth> {
+    let count = quadruples.iter().flatten().max().map_or(0, |&last| last + 1);
+    let all_noise = finite_median(noise_std.iter().copied());
+    let flagged = flagged_shares(frames);
+    (0..count)
+        .map(|electrode| {
+            let with = |quadruple: &Quadruple| quadruple.contains(&electrode);
+            let of = |values: &[f64]| -> Vec<f64> {
+                values.iter().zip(quadruples).filter(|(_, q)| with(q)).map(|(v, _)| *v).collect()
+            };
+            let shares = of(&flagged);
+            let senses = |[_, _, m, n]: &Quadruple| *m == electrode || *n == electrode;
+            let noise =
+                noise_std.iter().zip(quadruples).filter(|(_, q)| senses(q)).map(|(n, _)| *n);
+            let (others, values): (Vec<Quadruple>, Vec<f64>) =
+                quadruples.iter().zip(mean).filter(|(q, _)| !with(q)).unzip();
+            ElectrodeHealth {
+                measurements: shares.len(),
+                flagged_share: shares.iter().sum::<f64>() / shares.len().max(1) as f64,
+                noise_ratio: finite_median(noise) / all_noise,
+                reciprocity_without: reciprocity_error(&others, &values),
+            }
+        })
+        .collect()
+}
+
+fn findings(
+    report: &HealthReport,
+    frames: &MeasuredFrames,
+    quadruples: &[Quadruple],
+    facts: &StreamFacts,
+) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let share_of = |flag: Quality| {
+        let with = frames.quality.iter().filter(|quality| quality.contains(flag)).count();
+        with as f64 / frames.quality.len().max(1) as f64
+    };
+    let mut at_fault = open_electrodes(frames, quadruples, report.electrodes.len());
+    for &(electrode, flagged_share) in &at_fault {
+        findings.push(Finding::of_electrode(electrode, Trouble::Open { flagged_share }));
+    }
+    // the mean of flagged values explains any error
+    if at_fault.is_empty() {
+        for (electrode, health) in (0..).zip(&report.electrodes) {
+            if let Some(trouble) = electrode_trouble(report, health) {
+                at_fault.push((electrode, health.flagged_share));
+                findings.push(Finding::of_electrode(electrode, trouble));
+            }
+        }
+    }
+    if report.reciprocity.is_some_and(|error| error > DOUBTED_ERROR) && at_fault.is_empty() {
+        findings.push(Finding::of_whole(Trouble::Reciprocity {
+            error: report.reciprocity.unwrap_or_default(),
+        }));
+    }
+    let limit = share_of(Quality::SATURATED) + share_of(Quality::OVER_RANGE);
+    // where one electrode is open, its measurements saturate: that is told already
+    if limit > LOST_SHARE && at_fault.is_empty() {
+        findings.push(Finding::of_whole(Trouble::Saturation { share: limit }));
+    }
+    let missing = share_of(Quality::MISSING);
+    let lost = report.lost_share + missing;
+    if lost > LOST_SHARE {
+        findings.push(Finding::of_whole(Trouble::Loss { share: lost }));
+    }
+    let stuck = frames
+        .quality
+        .columns()
+        .into_iter()
+        .zip(quadruples)
+        .find(|(column, _)| column.iter().any(|quality| quality.contains(Quality::STUCK)));
+    if let Some((_, quadruple)) = stuck {
+        findings.push(Finding::of_whole(Trouble::Stuck { first: *quadruple }));
+    }
+    if let (Some(rate), Some(wanted)) = (report.frame_rate_hz, facts.wanted_rate_hz)
+        && (rate / wanted - 1.0).abs() > RATE_ERROR
+    {
+        findings.push(Finding::of_whole(Trouble::Rate { found_hz: rate, wanted_hz: wanted }));
+    }
+    let drifts = report.drift.iter().zip(&report.noise_std).map(|(d, n)| d.abs() / n);
+    let drift = finite_median(drifts);
+    if drift > DRIFT_FACTOR {
+        findings.push(Finding::of_whole(Trouble::Drift { over_noise: drift }));
+    }
+    if frames.values.iter().all(|value| *value == 0.0 || !value.is_finite()) {
+        findings.push(Finding::of_whole(Trouble::Silent));
+    }
+    findings
+}
+
+/// Electrodes of which most values are flagged, worst first, with that share. Each is judged by the
+/// measurements that no worse one is part of: neighbours share measurements.
+fn open_electrodes(
+    frames: &MeasuredFrames,
+    quadruples: &[Quadruple],
+    count: usize,
+) -> Vec<(u32, f64)> {
+    let mut left: Vec<(Quadruple, f64)> =
+        quadruples.iter().copied().zip(flagged_shares(frames)).collect();
+    let mut open = Vec::new();
+    for _ in 0..count {
+        let share = |electrode: u32| {
+            let of = left.iter().filter(|(quadruple, _)| quadruple.contains(&electrode));
+            let (sum, number) = of.fold((0.0, 0.0), |(sum, n), (_, share)| (sum + share, n + 1.0));
+            if number > 0.0 { sum / number } else { 0.0 }
+        };
+        let shares = (0..count as u32).map(|electrode| (electrode, share(electrode)));
+        let worst = shares.max_by(|(_, one), (_, other)| one.total_cmp(other));
+        let Some((electrode, share)) = worst.filter(|(_, share)| *share > FLAGGED_SHARE) else {
+            break;
+        };
+        open.push((electrode, share));
+        left.retain(|(quadruple, _)| !quadruple.contains(&electrode));
+    }
+    open
+}
+
+/// Share of each measurement's values with a flag.
+fn flagged_shares(frames: &MeasuredFrames) -> Vec<f64> {
+    let columns = frames.quality.columns().into_iter();
+    columns
+        .map(|column| {
+            let bad = column.iter().filter(|quality| !quality.is_good()).count();
+            bad as f64 / column.len() as f64
+        })
+        .collect()
+}
+
+/// What is wrong with one electrode, the surest sign first.
+fn electrode_trouble(report: &HealthReport, health: &ElectrodeHealth) -> Option<Trouble> {
+    if let (Some(with), Some(without)) = (report.reciprocity, health.reciprocity_without)
+        && with > DOUBTED_ERROR
+        && without * CLEAR_FACTOR <= with
+    {
+        return Some(Trouble::Contact { with, without });
+    }
+    let noisiest = report.electrodes.iter().fold(0.0_f64, |most, e| most.max(e.noise_ratio));
+    // its neighbours measure against it and are noisy too
+    (health.noise_ratio > NOISY_FACTOR && health.noise_ratio >= 0.9 * noisiest)
+        .then_some(Trouble::Noisy { ratio: health.noise_ratio })
+}
+
+fn finite_median(values: impl Iterator<Item = f64>) -> f64 {
+    median(values.filter(|value| value.is_finite()).collect()).unwrap_or(f64::NAN)
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return None;
+    }
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}

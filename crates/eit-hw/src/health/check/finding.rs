@@ -1,0 +1,172 @@
+//! What can be wrong, in words.
+
+use std::fmt;
+
+use crate::frame::Quadruple;
+
+/// Fit for use or not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Nothing is wrong.
+    Good,
+    /// Images will be worse than they could be.
+    Usable,
+    /// Images will be wrong.
+    Faulty,
+}
+
+/// How bad.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// Images are worse than they could be.
+    Warning,
+    /// Images are wrong.
+    Fault,
+}
+
+/// What is wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Trouble {
+    /// More than half of the electrode's values are flagged.
+    Open {
+        /// How many of them.
+        flagged_share: f64,
+    },
+    /// Reciprocity holds where this electrode is left out.
+    Contact {
+        /// Error of all measurements.
+        with: f64,
+        /// Error without the electrode.
+        without: f64,
+    },
+    /// Measurements at this electrode are noisier than the rest.
+    Noisy {
+        /// How many times.
+        ratio: f64,
+    },
+    /// Reciprocity does not hold, and no one electrode explains it.
+    Reciprocity {
+        /// The error.
+        error: f64,
+    },
+    /// Values at the end of the range.
+    Saturation {
+        /// Their share.
+        share: f64,
+    },
+    /// Frames or values were lost.
+    Loss {
+        /// Their share.
+        share: f64,
+    },
+    /// A value does not change.
+    Stuck {
+        /// The first such measurement.
+        first: Quadruple,
+    },
+    /// The frame rate is not what was asked for.
+    Rate {
+        /// What it is.
+        found_hz: f64,
+        /// What was asked for.
+        wanted_hz: f64,
+    },
+    /// Everything drifts.
+    Drift {
+        /// Median change over the frames, over the noise of one value.
+        over_noise: f64,
+    },
+    /// All values are 0.
+    Silent,
+}
+
+/// One thing that is wrong, with what to try.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Finding {
+    /// How bad.
+    pub severity: Severity,
+    /// The electrode at fault, from 0; `None`: the whole.
+    pub electrode: Option<u32>,
+    /// What is wrong.
+    pub trouble: Trouble,
+}
+
+impl Finding {
+    pub(super) fn of_electrode(electrode: u32, trouble: Trouble) -> Self {
+        let severity = match trouble {
+            Trouble::Noisy { .. } => Severity::Warning,
+            _ => Severity::Fault,
+        };
+        Self { severity, electrode: Some(electrode), trouble }
+    }
+
+    pub(super) fn of_whole(trouble: Trouble) -> Self {
+        let severity = match trouble {
+            Trouble::Reciprocity { .. } | Trouble::Silent => Severity::Fault,
+            _ => Severity::Warning,
+        };
+        Self { severity, electrode: None, trouble }
+    }
+
+    /// What to try.
+    pub fn advice(&self) -> &'static str {
+        match self.trouble {
+            Trouble::Open { .. } => "fasten its wire and clean or press its contact",
+            Trouble::Contact { .. } => {
+                "its contact is bad or its wire is swapped: fasten it, and check its number"
+            }
+            Trouble::Noisy { .. } => "press its contact, and keep its wire away from motors",
+            Trouble::Reciprocity { .. } => {
+                "check `[protocol] order`, the numbering of the electrodes, and that nothing moves"
+            }
+            Trouble::Saturation { .. } => "lower the gain or the current",
+            Trouble::Loss { .. } => {
+                "use a shorter cable, a higher baud rate, or fewer frames a second"
+            }
+            Trouble::Stuck { .. } => "check the multiplexer channel of this measurement",
+            Trouble::Rate { .. } => "ask for a rate that the instrument can keep",
+            Trouble::Drift { .. } => "let it warm up, and check that nothing rests on the skin",
+            Trouble::Silent => "check the current source and the cable of the skin",
+        }
+    }
+}
+
+impl fmt::Display for Finding {
+    /// One line; electrodes are numbered from 1.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(electrode) = self.electrode {
+            write!(f, "electrode {}: ", electrode + 1)?;
+        }
+        match self.trouble {
+            Trouble::Open { flagged_share } => {
+                write!(f, "{:.0} % of its values are bad", 100.0 * flagged_share)
+            }
+            Trouble::Contact { with, without } => {
+                write!(f, "reciprocity error {with:.2}, {without:.2} without it")
+            }
+            Trouble::Noisy { ratio } => write!(f, "{ratio:.0} times as noisy as the rest"),
+            Trouble::Reciprocity { error } => write!(f, "reciprocity error {error:.2}"),
+            Trouble::Saturation { share } => {
+                write!(f, "{:.1} % of the values are saturated", 100.0 * share)
+            }
+            Trouble::Loss { share } => write!(f, "{:.1} % of the data are lost", 100.0 * share),
+            Trouble::Stuck { first: [a, b, m, n] } => write!(
+                f,
+                "drive ({}, {}), pair ({}, {}) does not change",
+                a + 1,
+                b + 1,
+                m + 1,
+                n + 1
+            ),
+            Trouble::Rate { found_hz, wanted_hz } => {
+                write!(f, "{found_hz:.2} frames a second, {wanted_hz:.2} wanted")
+            }
+            Trouble::Drift { over_noise } => {
+                write!(f, "values drift by {over_noise:.0} times their noise")
+            }
+            Trouble::Silent => f.write_str("all values are 0"),
+        }?;
+        write!(f, "; {}", self.advice())
+    }
+}

@@ -1,0 +1,293 @@
+//! Recordings: what is written is read back, whatever becomes of the file.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test file: a panic is a failed test"
+)]
+
+mod common;
+
+use std::path::Path;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use common::rotated;
+use eit_hw::capture::{
+    Capture, CaptureSettings, CaptureWriter, Entry, ReferenceRecord, SessionRecord, TouchRecord,
+    TouchesRecord, UnitName, parse, read,
+};
+use eit_hw::{Component, Format, Frame, HwError, Quality, ReadOptions, Unit, read_recording};
+
+fn session() -> SessionRecord {
+    SessionRecord {
+        driver: "eits1".into(),
+        instrument: "emulated skin".into(),
+        serial: "7".into(),
+        unit: UnitName::Volt,
+        quadruples: rotated(16),
+        current_a: Some(1e-4),
+        frequency_hz: None,
+        frame_rate_hz: Some(25.0),
+        scene_toml: "[skin]\nshape = \"disc\"\n".into(),
+        recorder: "test".into(),
+    }
+}
+
+fn frame(sequence: u64) -> Frame {
+    let value = |index: u64| ((sequence * 208 + index) as f64 * 0.618_033_988_749).sin() * 1e-3;
+    Frame {
+        values: (0..208).map(value).collect(),
+        imaginary: None,
+        quality: vec![Quality::GOOD; 208],
+        sequence,
+        epoch: 0,
+        device_time_s: Some(sequence as f64 / 25.0),
+        host_time_s: Some(1.79e9 + sequence as f64 / 25.0),
+    }
+}
+
+fn entries(count: u64) -> Vec<Entry> {
+    let mut entries = vec![Entry::Session(session())];
+    for sequence in 0..count {
+        entries.push(Entry::Frame(frame(sequence)));
+        if sequence % 20 == 3 {
+            let touch = TouchRecord {
+                name: sequence,
+                position_m: [0.01, -0.02, 0.0],
+                radius_m: Some(0.008),
+                force_n: None,
+            };
+            entries.push(Entry::Touches(TouchesRecord { sequence, touches: vec![touch] }));
+            entries.push(Entry::Note(format!("frame {sequence}: \"quoted\"\n\u{b5}")));
+        }
+    }
+    let values = vec![Some(0.1 + 0.2), None];
+    entries.push(Entry::Reference(ReferenceRecord { epoch: 3, values }));
+    entries
+}
+
+/// A recording with a chunk after every so many entries.
+fn recorded(path: &Path, entries: &[Entry], per_chunk: usize, finish: bool) -> Vec<u8> {
+    let Entry::Session(session) = &entries[0] else { panic!("a session comes first") };
+    let settings = CaptureSettings { flush_s: 3600.0, ..CaptureSettings::default() };
+    let mut writer = CaptureWriter::create(path, session, settings).unwrap();
+    for chunk in entries[1..].chunks(per_chunk) {
+        chunk.iter().for_each(|entry| writer.write(entry).unwrap());
+        writer.flush().unwrap();
+    }
+    if finish {
+        writer.finish().unwrap();
+        return std::fs::read(path).unwrap();
+    }
+    // the file as it is if the program is killed here
+    std::fs::read(path).unwrap()
+}
+
+/// Ends of the chunks, from the container's own layout: opcode, length, body.
+fn chunk_ends(bytes: &[u8]) -> Vec<usize> {
+    let (mut at, mut ends) = (8, Vec::new());
+    while at + 9 <= bytes.len() {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap());
+        let end = at + 9 + usize::try_from(length).unwrap();
+        if bytes[at] == 0x06 {
+            ends.push(end);
+        }
+        at = end;
+    }
+    ends
+}
+
+#[test]
+fn every_entry_is_read_back_to_the_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let mut wanted = entries(100);
+    // all that JSON has no number for, and the ends of the numbers it has
+    let mut odd = frame(100);
+    odd.values[..6].copy_from_slice(&[f64::MAX, f64::MIN_POSITIVE, 5e-324, -0.0, 0.1, 1e22]);
+    odd.imaginary = Some(odd.values.iter().map(|value| -value).collect());
+    odd.quality[7] = Quality::SATURATED | Quality::MISSING;
+    odd.host_time_s = None;
+    wanted.push(Entry::Frame(odd));
+    let bytes = recorded(&path, &wanted, 13, true);
+    let capture = parse(&bytes, &path).unwrap();
+    assert_eq!(capture.damage, Default::default());
+    assert_eq!(capture.entries.len(), wanted.len());
+    for (found, wanted) in capture.entries.iter().zip(&wanted) {
+        assert_eq!(found, wanted);
+    }
+    let negative = capture.frames().last().unwrap().values[3];
+    assert!(negative == 0.0 && negative.is_sign_negative());
+
+    let mut writer = CaptureWriter::append(&path, &session(), CaptureSettings::default()).unwrap();
+    let mut bad = frame(101);
+    bad.values[5] = f64::INFINITY;
+    bad.quality[5] = Quality::NON_FINITE;
+    writer.frame(&bad).unwrap();
+    writer.finish().unwrap();
+    let after = read(&path).unwrap();
+    assert_eq!(after.entries[..wanted.len()], wanted);
+    let last = after.frames().last().unwrap();
+    assert!(last.values[5].is_nan() && last.quality[5] == Quality::NON_FINITE);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+/// The file cut at every chunk's end and at 1 000 other places: every chunk before the cut is read.
+#[test]
+fn a_cut_recording_keeps_every_whole_chunk() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let wanted = entries(120);
+    let per_chunk = 5;
+    let bytes = recorded(&path, &wanted, per_chunk, true);
+    let ends = chunk_ends(&bytes);
+    assert_eq!(ends.len(), 1 + (wanted.len() - 1).div_ceil(per_chunk));
+    let mut cuts: Vec<usize> = ends.iter().flat_map(|&end| [end - 1, end, end + 1]).collect();
+    let mut state = 9_u64;
+    for _ in 0..1000 {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        cuts.push((state >> 33) as usize % bytes.len());
+    }
+    cuts.extend([1, 7, 8, 9, bytes.len() - 1]);
+    for cut in cuts {
+        let capture = parse(&bytes[..cut], &path).unwrap();
+        let chunks = ends.iter().filter(|&&end| end <= cut).count();
+        // the session is a chunk of its own
+        let entries = match chunks {
+            0 => 0,
+            chunks => (1 + (chunks - 1) * per_chunk).min(wanted.len()),
+        };
+        assert_eq!(capture.entries, wanted[..entries], "cut at {cut}");
+        assert!(capture.damage.unfinished && capture.damage.bad_chunks == 0, "cut at {cut}");
+    }
+    assert!(matches!(parse(&[], &path), Err(HwError::Empty { .. })));
+}
+
+/// A changed byte costs the chunk that it is in, and is told; nothing wrong is read.
+#[test]
+fn a_damaged_chunk_is_left_out_and_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let wanted = entries(60);
+    let bytes = recorded(&path, &wanted, 5, true);
+    let ends = chunk_ends(&bytes);
+    let mut told = 0;
+    for step in 0..400_usize {
+        let mut damaged = bytes.clone();
+        let at = 8 + step * (bytes.len() - 8) / 400;
+        damaged[at] ^= 0x10;
+        let capture = match parse(&damaged, &path) {
+            Ok(capture) => capture,
+            Err(error) => panic!("byte {at}: {error}"),
+        };
+        // what is read was written, in its order
+        let mut rest = wanted.iter();
+        for entry in &capture.entries {
+            assert!(rest.any(|wanted| wanted == entry), "byte {at}");
+        }
+        if at < *ends.last().unwrap() && capture.entries.len() < wanted.len() {
+            let damage = capture.damage;
+            assert!(damage.unfinished || damage.bad_chunks + damage.bad_messages > 0, "byte {at}");
+            told += 1;
+        }
+    }
+    // most of the file is chunks; the rest are indexes, which repeat what is known
+    assert!(told > 150, "{told}");
+}
+
+const CHILD: &str = "EIT_HW_TEST_RECORDING";
+
+/// Not a test by itself: the program that is killed.
+#[test]
+fn killed_writer() {
+    let Ok(path) = std::env::var(CHILD) else { return };
+    let settings = CaptureSettings { flush_s: 0.2, sync: false };
+    let mut writer = CaptureWriter::create(Path::new(&path), &session(), settings).unwrap();
+    let start = Instant::now();
+    for sequence in 0.. {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64();
+        writer.frame(&Frame { host_time_s: Some(now), ..frame(sequence) }).unwrap();
+        std::thread::sleep(Duration::from_millis(2));
+        assert!(start.elapsed() < Duration::from_secs(30), "nobody killed it");
+    }
+}
+
+#[test]
+fn a_killed_recorder_loses_the_last_moment_only() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("killed.mcap");
+    let mut child = std::process::Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "killed_writer"])
+        .env(CHILD, &path)
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(Duration::from_millis(1500));
+    // SIGKILL on Unix
+    child.kill().unwrap();
+    let killed = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64();
+    child.wait().unwrap();
+    let capture = read(&path).unwrap();
+    assert!(capture.damage.unfinished && capture.damage.bad_chunks == 0);
+    for (sequence, found) in (0..).zip(capture.frames()) {
+        assert_eq!((found.sequence, &found.values), (sequence, &frame(sequence).values));
+    }
+    let last = capture.frames().last().unwrap().host_time_s.unwrap();
+    // 0.2 s asked for; the rest is for a computer that does other things
+    assert!(killed - last < 1.0, "{}", killed - last);
+    println!("lost the last {:.3} s of {} frames", killed - last, capture.frames().count());
+
+    // it can be gone on with
+    CaptureWriter::append(&path, &session(), CaptureSettings::default()).unwrap().finish().unwrap();
+    let after = read(&path).unwrap();
+    assert!(!after.damage.unfinished && after.frames().count() == capture.frames().count());
+}
+
+#[test]
+fn a_recording_is_read_like_any_other_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("press");
+    recorded(&path, &entries(30), 7, true);
+    let recording = read_recording(&path, None, &ReadOptions::default()).unwrap();
+    assert_eq!((recording.format, recording.unit), (Format::Mcap, Unit::Volt));
+    assert_eq!(recording.current_a, Some(1e-4));
+    let wanted = rotated(16);
+    let frames = recording.frames_for(Some(&wanted), 208, Component::Real).unwrap();
+    assert_eq!(frames.values.row(29).to_vec(), frame(29).values);
+    assert_eq!(frames.device_time_s.unwrap()[29], 29.0 / 25.0);
+
+    let other = SessionRecord { quadruples: rotated(8), ..session() };
+    let mut mixed = entries(3);
+    mixed.push(Entry::Session(other));
+    let path = folder.path().join("mixed.mcap");
+    recorded(&path, &mixed, 7, true);
+    let error = read_recording(&path, None, &ReadOptions::default()).unwrap_err();
+    assert!(error.to_string().contains("sessions of 208 and 40 measurements"), "{error}");
+    let empty = folder.path().join("empty.mcap");
+    recorded(&empty, &[Entry::Session(session())], 1, true);
+    let error = read_recording(&empty, None, &ReadOptions::default()).unwrap_err();
+    assert!(matches!(error, HwError::NoFrames { .. }), "{error}");
+}
+
+#[test]
+fn what_cannot_be_written_or_read_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let create = |settings| CaptureWriter::create(&path, &session(), settings);
+    let never = CaptureSettings { flush_s: f64::NAN, sync: false };
+    assert!(matches!(create(never), Err(HwError::Setting { name: "flush_s", .. })));
+    std::fs::remove_file(&path).ok();
+    drop(create(CaptureSettings::default()).unwrap());
+    // a recording is never written over
+    assert!(matches!(create(CaptureSettings::default()), Err(HwError::Write { .. })));
+    let not = folder.path().join("not.mcap");
+    std::fs::write(&not, b"1,2,3\n").unwrap();
+    assert!(matches!(read(&not), Err(HwError::Container { .. })));
+    assert!(matches!(read(&folder.path().join("none")), Err(HwError::Read { .. })));
+    let garbage: Vec<u8> =
+        b"\x89MCAP0\r\n".iter().copied().chain((0..255).cycle().take(9999)).collect();
+    let capture: Capture = parse(&garbage, &not).unwrap();
+    assert!(capture.entries.is_empty() && capture.damage.unfinished);
+}

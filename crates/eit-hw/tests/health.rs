@@ -1,0 +1,200 @@
+//! The health check finds what was broken, names it, and finds nothing where nothing is.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test file: a panic is a failed test"
+)]
+
+mod common;
+
+use common::{point_electrode_disc, rotated};
+use eit_hw::{
+    HealthReport, HwError, MeasuredFrames, Quality, StreamFacts, Trouble, Unit, Verdict,
+    check_health,
+};
+use ndarray::Array2;
+
+const FRAMES: usize = 60;
+const NOISE: f64 = 1e-4;
+
+/// Uniform in [-1, 1), from a seed; its standard deviation is 1 / sqrt(3).
+struct Noise(u64);
+
+impl Noise {
+    fn draw(&mut self) -> f64 {
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+}
+
+/// 25 frames a second of a homogeneous disc.
+fn healthy() -> MeasuredFrames {
+    let quadruples = rotated(16);
+    let truth = point_electrode_disc(&quadruples, 16);
+    let mut noise = Noise(4);
+    let values = Array2::from_shape_fn((FRAMES, 208), |(_, m)| {
+        truth[m] + NOISE * 3_f64.sqrt() * noise.draw()
+    });
+    MeasuredFrames {
+        quality: Array2::default(values.raw_dim()),
+        values,
+        unit: Unit::Volt,
+        device_time_s: Some((0..FRAMES).map(|frame| frame as f64 / 25.0).collect()),
+        frequency_hz: None,
+        current_a: None,
+        phase_rad: None,
+    }
+}
+
+fn facts() -> StreamFacts {
+    StreamFacts { lost_frames: 0, wanted_rate_hz: Some(25.0) }
+}
+
+fn check(frames: &MeasuredFrames) -> HealthReport {
+    check_health(frames, &rotated(16), &facts()).unwrap()
+}
+
+fn faults(report: &HealthReport) -> Vec<u32> {
+    report.findings.iter().filter_map(|finding| finding.electrode).collect()
+}
+
+#[test]
+fn nothing_is_found_where_nothing_is_wrong() {
+    let report = check(&healthy());
+    assert_eq!((report.verdict(), report.findings.len()), (Verdict::Good, 0), "{report:?}");
+    // a median of 59 has a deviation of about 15 %; 208 of them stay within five
+    for noise in &report.noise_std {
+        assert!((noise / NOISE - 1.0).abs() < 0.75, "{noise:e}");
+    }
+    // the difference of two uniform numbers is triangular: half of them are within
+    // sqrt 3 (2 - sqrt 2) = 1.015 deviations, which the normal factor 1.4826 / sqrt 2 makes 1.064
+    let mean = report.noise_std.iter().sum::<f64>() / 208.0;
+    // deviation of the mean 1 %, and a finite median lies a little too high
+    assert!((mean / NOISE - 1.064).abs() < 0.05, "{mean:e}");
+    assert!((report.frame_rate_hz.unwrap() - 25.0).abs() < 1e-9);
+    assert!(report.reciprocity.unwrap() < 1e-3);
+}
+
+#[test]
+fn a_bad_contact_is_found_by_reciprocity() {
+    for electrode in [0, 5, 15] {
+        let mut frames = healthy();
+        let mut noise = Noise(8);
+        for (mut column, quadruple) in frames.values.columns_mut().into_iter().zip(rotated(16)) {
+            // what it senses is anything
+            if quadruple[2] == electrode || quadruple[3] == electrode {
+                let offset = noise.draw();
+                column.mapv_inplace(|value| value + offset);
+            }
+        }
+        let report = check(&frames);
+        assert_eq!(report.verdict(), Verdict::Faulty);
+        assert_eq!(faults(&report), [electrode], "{:?}", report.findings);
+        let line = report.findings[0].to_string();
+        assert!(line.starts_with(&format!("electrode {}: reciprocity", electrode + 1)), "{line}");
+        assert!(line.contains("fasten it"), "{line}");
+    }
+}
+
+#[test]
+fn an_open_electrode_is_found_by_its_flags() {
+    let mut frames = healthy();
+    for (mut column, quadruple) in frames.quality.columns_mut().into_iter().zip(rotated(16)) {
+        if quadruple.contains(&9) {
+            column.fill(Quality::SATURATED);
+        }
+    }
+    let report = check(&frames);
+    assert_eq!(faults(&report), [9], "{:?}", report.findings);
+    assert!(matches!(report.findings[0].trouble, Trouble::Open { flagged_share: 1.0 }));
+}
+
+#[test]
+fn a_noisy_electrode_is_a_warning() {
+    let mut frames = healthy();
+    let mut noise = Noise(15);
+    for (mut column, quadruple) in frames.values.columns_mut().into_iter().zip(rotated(16)) {
+        if quadruple[2] == 3 || quadruple[3] == 3 {
+            column.mapv_inplace(|value| value + 20.0 * NOISE * noise.draw());
+        }
+    }
+    let report = check(&frames);
+    assert_eq!((report.verdict(), faults(&report)), (Verdict::Usable, vec![3]));
+    assert!(report.findings[0].to_string().contains("times as noisy"));
+}
+
+#[test]
+fn troubles_of_the_whole_are_told_with_what_to_try() {
+    let only = |report: &HealthReport, start: &str| {
+        assert_eq!(report.findings.len(), 1, "{:?}", report.findings);
+        let line = report.findings[0].to_string();
+        assert!(line.starts_with(start), "{line}");
+    };
+    let mut saturated = healthy();
+    saturated.quality.column_mut(0).fill(Quality::SATURATED);
+    saturated.quality.column_mut(60).fill(Quality::SATURATED);
+    saturated.quality.column_mut(120).fill(Quality::OVER_RANGE);
+    only(&check(&saturated), "1.4 % of the values are saturated; lower the gain");
+
+    let mut drifting = healthy();
+    for (frame, mut row) in drifting.values.rows_mut().into_iter().enumerate() {
+        row.mapv_inplace(|value| value + frame as f64 * NOISE);
+    }
+    only(&check(&drifting), "values drift by");
+
+    let mut swapped = healthy();
+    // two electrodes' wires changed over at the voltmeter is no one electrode's fault
+    let mut noise = Noise(1);
+    swapped.values.columns_mut().into_iter().for_each(|mut column| column.fill(noise.draw()));
+    let report = check(&swapped);
+    assert!(report.findings[0].to_string().starts_with("reciprocity error"), "{report:?}");
+
+    let mut stuck = healthy();
+    stuck.quality.column_mut(13).fill(Quality::STUCK);
+    only(&check(&stuck), "drive (2, 3), pair (4, 5) does not change; check the multiplexer");
+
+    let lossy = StreamFacts { lost_frames: 6, wanted_rate_hz: None };
+    let report = check_health(&healthy(), &rotated(16), &lossy).unwrap();
+    only(&report, "9.1 % of the data are lost");
+    let slow = StreamFacts { lost_frames: 0, wanted_rate_hz: Some(50.0) };
+    let report = check_health(&healthy(), &rotated(16), &slow).unwrap();
+    only(&report, "25.00 frames a second, 50.00 wanted");
+
+    let mut silent = healthy();
+    silent.values.fill(0.0);
+    let report = check(&silent);
+    assert_eq!(report.verdict(), Verdict::Faulty);
+    assert!(report.findings.iter().any(|finding| finding.trouble == Trouble::Silent));
+}
+
+#[test]
+fn bad_input_is_refused() {
+    let frames = healthy();
+    let error = check_health(&frames, &rotated(8), &facts()).unwrap_err();
+    assert!(matches!(error, HwError::QuadrupleCount { quadruples: 40, count: 208 }));
+    let mut few = healthy();
+    few.values = few.values.select(ndarray::Axis(0), &[0, 1, 2]);
+    few.quality = few.quality.select(ndarray::Axis(0), &[0, 1, 2]);
+    let error = check_health(&few, &rotated(16), &facts()).unwrap_err();
+    assert!(error.to_string().contains("3 frames, but 8 wanted"), "{error}");
+    let mut wild = healthy();
+    wild.values.fill(f64::NAN);
+    assert_eq!(check(&wild).verdict(), Verdict::Faulty);
+}
+
+/// A real tank with a real instrument, nothing known to be wrong.
+#[test]
+fn a_real_tank_is_healthy() {
+    let Some(folder) = fixtures::shared_data("sciospec_tank_adjacent") else { return };
+    let recording = eit_hw::read_recording(&folder, None, &eit_hw::ReadOptions::default()).unwrap();
+    let wanted = rotated(16);
+    let frames = recording.frames_for(Some(&wanted), 208, eit_hw::Component::Phased).unwrap();
+    let report = check_health(&frames, &wanted, &StreamFacts::default()).unwrap();
+    println!("{:?} dB, reciprocity {:?}", report.signal_to_noise_db, report.reciprocity);
+    report.findings.iter().for_each(|finding| println!("{finding}"));
+    assert!(faults(&report).is_empty() && report.verdict() != Verdict::Faulty);
+}
