@@ -139,6 +139,14 @@ pub enum DenoiseError {
         /// Why.
         kind: std::io::ErrorKind,
     },
+    /// A shard that is not there or not what the manifest says.
+    #[error("{path}: {found}: make the base again, whole shards are kept")]
+    DamagedShard {
+        /// The file.
+        path: String,
+        /// What was found.
+        found: String,
+    },
     /// Training pairs without a touch.
     #[error("{what} holds no image that differs from zero: nothing can be learnt from it")]
     NothingToLearn {
@@ -160,6 +168,18 @@ pub enum DenoiseError {
 }
 
 impl DenoiseError {
+    /// The same error with its file.
+    #[cfg(feature = "train")]
+    pub(crate) fn in_file(self, path: &std::path::Path) -> Self {
+        Self::InFile { path: path.display().to_string(), error: Box::new(self) }
+    }
+
+    /// A refusal of the system.
+    #[cfg(feature = "train")]
+    pub(crate) fn io(path: &std::path::Path, error: &std::io::Error) -> Self {
+        Self::Io { path: path.display().to_string(), kind: error.kind() }
+    }
+
     /// The same error with its frame.
     pub(crate) fn in_frame(self, frame: usize) -> Self {
         Self::InFrame { frame, error: Box::new(self) }

@@ -27,6 +27,16 @@ pub struct Weights {
 }
 
 impl Weights {
+    /// Weights for the skin of Duan, Taurand and Soleimani (the scene `paper-disc` of the command
+    /// line) at 64 x 64 pixels; `weights/README.md` tells how they were made and what they are
+    /// worth.
+    ///
+    /// # Errors
+    /// None that can come up: those of [`Weights::from_bytes`].
+    pub fn paper_disc() -> Result<Self, DenoiseError> {
+        Self::from_bytes(include_bytes!("../../weights/paper-disc.safetensors"))
+    }
+
     /// Refuses a size that is not documented, a wrong number of weights, and weights that are not
     /// finite.
     ///

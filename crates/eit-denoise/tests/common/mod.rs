@@ -61,7 +61,8 @@ pub fn convolutions(shape: UnetShape) -> Vec<[usize; 3]> {
     list
 }
 
-type Planes = Vec<Array2<f64>>;
+/// Channels.
+pub type Planes = Vec<Array2<f64>>;
 
 fn convolve(weights: &[f64], [outputs, inputs, side]: [usize; 3], from: &Planes) -> Planes {
     let (rows, columns) = from[0].dim();
@@ -87,8 +88,13 @@ fn convolve(weights: &[f64], [outputs, inputs, side]: [usize; 3], from: &Planes)
 
 /// The net on normalised frames (oldest first) and mask, all of padded size.
 pub fn direct(weights: &Weights, inputs: Planes) -> Array2<f64> {
-    let shape = weights.shape;
-    let mut rest: Vec<f64> = weights.parameters.iter().map(|w| f64::from(*w)).collect();
+    let parameters: Vec<f64> = weights.parameters.iter().map(|w| f64::from(*w)).collect();
+    direct_f64(weights.shape, &parameters, inputs)
+}
+
+/// The same with weights of full precision.
+pub fn direct_f64(shape: UnetShape, parameters: &[f64], inputs: Planes) -> Array2<f64> {
+    let mut rest = parameters.to_vec();
     let mut list = convolutions(shape).into_iter();
     let mut apply = |from: &Planes, positive: bool| {
         let c = list.next().unwrap();
