@@ -307,7 +307,15 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), DenoiseError>
         _ => Path::new("."),
     };
     let failed = |e: &std::io::Error| DenoiseError::io(path, e);
-    let mut file = tempfile::NamedTempFile::new_in(folder).map_err(|e| failed(&e))?;
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".eit-");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        // temporary files are private by default; this becomes the user's ordinary file
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.tempfile_in(folder).map_err(|e| failed(&e))?;
     file.write_all(bytes).map_err(|e| failed(&e))?;
     // on the disk before it has its name
     file.as_file().sync_all().map_err(|e| failed(&e))?;

@@ -74,9 +74,7 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Answer, CliError> {
         "out": args.out.display().to_string(),
         "files": files,
     });
-    out.write("report.json", |w| {
-        writeln!(w, "{json:#}").map_err(io)
-    })?;
+    out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
     let mut lines = vec![format!("{frames} images; {}", net.words())];
     lines.extend(compared.map(|s| s.words()));
     lines.push(format!("written to {}: {}", out.path().display(), out.names().join(", ")));

@@ -75,7 +75,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let text = format!(
         "{} frames of {} sequences in {}\n{} weights, {} epochs ({}), held-out error {:.4}\n\
          held-out sequences: {}\nwritten to {} ({} kB), learning curve beside it\nnext: \
-         [denoise] weights = \"{}\" in the scene, or eit denoise {} --weights {0} --images F.npy",
+         [denoise] weights = \"{}\" in the scene, or eit denoise {} --weights {} --images F.npy --out DIR",
         base.frames(),
         args.sequences,
         folder.display(),
@@ -88,6 +88,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         bytes.len() / 1000,
         args.out.display(),
         args.scene,
+        args.out.display(),
     );
     Ok(Answer { text, json })
 }
