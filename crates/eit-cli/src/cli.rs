@@ -18,6 +18,7 @@ use std::path::PathBuf;
         eit forward paper-disc --out v.csv     voltages of the untouched skin\n  \
         eit reconstruct my.toml --frames f.csv --reference 0 --out images\n  \
         eit simulate paper-disc --out touched  frames of a touched fabric, with the truth\n  \
+        eit train paper-disc --out w.safetensors   a U-net that removes artefacts\n  \
         eit report --quick                     compare every method on simulated touches\n\n\
         Exit codes: 0 done, 2 wrong usage or bad input, 1 failure."
 )]
@@ -68,6 +69,23 @@ pub(crate) enum Command {
     /// skin), sheet.png, movie.gif for a sequence, and report.json. Formats of frames: .npy,
     /// .csv, Sciospec .eit folders, GOE .get, LCT text, KHU Mark2.5 scan folders, raw serial logs.
     Reconstruct(ReconstructArgs),
+    /// Train a U-net that removes the artefacts of a scene's images.
+    ///
+    /// Simulates touched fabrics on a finer mesh (scripts, electrode movement, noise, gains and
+    /// drift drawn anew for every sequence), reconstructs them as `eit reconstruct` would, each
+    /// turned or mirrored by a symmetry of the electrodes where the skin has them, and learns the
+    /// true images from them. Sequences go to --base one by one; the training writes a checkpoint
+    /// after every epoch. Run the same command again after an interruption: it goes on where it
+    /// was, and ends with the same weights.
+    ///
+    /// Writes W (safetensors), W with the endings csv and png (learning curve), and checkpoint.
+    Train(TrainArgs),
+    /// Remove artefacts from images with a trained U-net.
+    ///
+    /// `eit reconstruct` does it by itself where the scene has [denoise] weights = "W".
+    ///
+    /// Writes images.npy [frame, row, column], sheet.png, movie.gif for a sequence, report.json.
+    Denoise(DenoiseArgs),
     /// Compare every method on simulated touches: error against run time, or quality.
     ///
     /// Simulates soft and hard fingers on the built-in skin with a finer mesh and noise. Writes
@@ -228,6 +246,78 @@ pub(crate) struct ReconstructArgs {
     /// kalman (smoother), gauss-newton-absolute (iterated on the non-linear model).
     #[arg(long, value_name = "METHOD", verbatim_doc_comment)]
     pub method: Option<String>,
+    /// Folder for the results.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+/// `eit train`
+#[derive(Debug, Args)]
+pub(crate) struct TrainArgs {
+    /// Scene file or built-in scene.
+    pub scene: String,
+    /// The weights: W.safetensors.
+    #[arg(long, value_name = "W")]
+    pub out: PathBuf,
+    /// Folder of the learning base [default: W with the ending base]. One that is complete is only
+    /// read.
+    #[arg(long, value_name = "DIR")]
+    pub base: Option<PathBuf>,
+    /// Sequences to simulate; every sixth, at least one, is held out.
+    #[arg(long, value_name = "N", default_value_t = 24)]
+    pub sequences: usize,
+    /// Frames of a sequence, 20 quiet ones included.
+    #[arg(long, value_name = "N", default_value_t = 140)]
+    pub frames: usize,
+    /// Method of the raw images: st-tv, tv or gauss-newton [default: the scene's, or st-tv].
+    #[arg(long, value_name = "METHOD")]
+    pub method: Option<String>,
+    /// Seed of everything random.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Last frames that the net sees.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub history: usize,
+    /// Channels of the net's first level; its cost grows with the square.
+    #[arg(long, value_name = "N", default_value_t = 6)]
+    pub width: usize,
+    /// Times that the net halves the pixels.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub depth: usize,
+    /// Epochs at most.
+    #[arg(long, value_name = "N", default_value_t = 30)]
+    pub epochs: usize,
+    /// Examples of a step.
+    #[arg(long, value_name = "N", default_value_t = 16)]
+    pub batch: usize,
+    /// Rate of the first epoch; falls to a hundredth.
+    #[arg(long, value_name = "R", default_value_t = 2e-3)]
+    pub rate: f64,
+    /// Stop after so many epochs without a smaller error on the held-out sequences; 0: never.
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    pub patience: usize,
+    /// Threads [default: all]; the result does not depend on them.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+}
+
+/// `eit denoise`
+#[derive(Debug, Args)]
+pub(crate) struct DenoiseArgs {
+    /// Scene file or built-in scene.
+    pub scene: String,
+    /// Images of this scene: images.npy of `eit reconstruct`, [frame, row, column].
+    #[arg(long, value_name = "F.npy")]
+    pub images: PathBuf,
+    /// "default" (of the built-in scene), or a file of `eit train` [default: the scene's].
+    #[arg(long, value_name = "W")]
+    pub weights: Option<String>,
+    /// Take the weights although they were trained for another skin or other pixels.
+    #[arg(long)]
+    pub any_skin: bool,
+    /// True images (truth_conductivity.npy of `eit simulate`): reports how much nearer they are.
+    #[arg(long, value_name = "F.npy")]
+    pub truth: Option<PathBuf>,
     /// Folder for the results.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,

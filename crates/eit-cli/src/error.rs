@@ -75,7 +75,10 @@ impl From<eit_inverse::InverseError> for CliError {
 
 impl From<eit_denoise::DenoiseError> for CliError {
     fn from(error: eit_denoise::DenoiseError) -> Self {
-        Self::Failure(error.to_string())
+        match error {
+            eit_denoise::DenoiseError::Io { .. } => Self::Failure(error.to_string()),
+            _ => Self::Input(error.to_string()),
+        }
     }
 }
 

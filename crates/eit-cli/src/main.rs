@@ -9,6 +9,7 @@
 
 mod cli;
 mod commands;
+mod denoise;
 mod draw;
 mod error;
 mod frames;
@@ -38,6 +39,8 @@ fn main() -> ExitCode {
         Command::Jacobian(args) => commands::jacobian::run(args),
         Command::Simulate(args) => commands::simulate::run(args),
         Command::Reconstruct(args) => commands::reconstruct::run(args),
+        Command::Train(args) => commands::train::run(args),
+        Command::Denoise(args) => commands::denoise::run(args),
         Command::Report(args) => commands::report::run(args),
     };
     match result {

@@ -166,9 +166,9 @@ fn missing_files_and_sections_of_other_versions() {
     assert!(found.contains("--frames"), "{found}");
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
-    let scene = write_scene(folder.path(), &format!("{SMALL}\n[denoise]\nweights = \"default\"\n"));
+    let scene = write_scene(folder.path(), &format!("{SMALL}\n[instrument]\ndriver = \"text\"\n"));
     let found = refuse(&["reconstruct", text(&scene), "--out", text(&out)]);
-    assert!(found.contains("[denoise] is not in this version"), "{found}");
+    assert!(found.contains("[instrument] is not in this version"), "{found}");
     assert!(!out.exists(), "refused before anything is made");
 }
 

@@ -10,3 +10,24 @@ mod image_stack;
 fn image_stack_example() {
     assert_eq!(image_stack::run().unwrap(), 1.0);
 }
+
+#[cfg(feature = "unet")]
+#[path = "../examples/frame_time.rs"]
+#[allow(dead_code, reason = "main of the example is not called here")]
+mod frame_time;
+
+/// The count of operations is right: each multiply-add of the 1 x 1 head and of the first
+/// convolution by hand, and a net of twice the width costs about four times as much.
+#[cfg(feature = "unet")]
+#[test]
+fn frame_time_example() {
+    let costs = frame_time::run().unwrap();
+    let [four, eight] = [&costs[0], &costs[3]];
+    // per pixel: level 0 (2 4 + 4 4 + 12 4 + 4 4) 9 + 4, level 1 (4 8 + 8 8 + 24 8 + 8 8) 9 / 4,
+    // level 2 (8 16 + 16 16 + 48 16 + 16 16) 9 / 16, bottom (16 32 + 32 32) 9 / 64
+    let by_hand = 88.0 * 9.0 + 4.0 + 352.0 * 9.0 / 4.0 + 1408.0 * 9.0 / 16.0 + 1536.0 * 9.0 / 64.0;
+    assert_eq!(four.multiply_adds, 4096.0 * by_hand);
+    let ratio = eight.multiply_adds / four.multiply_adds;
+    assert!((3.5..4.0).contains(&ratio), "{ratio}");
+    assert!(costs.iter().all(|cost| cost.time_s > 0.0 && cost.parameters > 0));
+}

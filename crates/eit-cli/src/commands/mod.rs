@@ -1,6 +1,7 @@
 //! One file per command. A command returns what it found, as text and as JSON.
 
 pub(crate) mod demo;
+pub(crate) mod denoise;
 pub(crate) mod forward;
 pub(crate) mod jacobian;
 pub(crate) mod mesh;
@@ -8,6 +9,7 @@ pub(crate) mod plan;
 pub(crate) mod reconstruct;
 pub(crate) mod report;
 pub(crate) mod simulate;
+pub(crate) mod train;
 
 use crate::error::CliError;
 use crate::pipeline;

@@ -9,6 +9,7 @@ pub(crate) use total_variation::status_words as movie_status_words;
 
 use super::{Answer, solve_json};
 use crate::cli::ReconstructArgs;
+use crate::denoise;
 use crate::draw;
 use crate::error::CliError;
 use crate::frames::{self, Frames, ModelFit};
@@ -59,6 +60,7 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     pipeline::touches::check(&scene)?;
     // an unknown name is refused before anything is made
     method::choose(&scene, args.method.as_deref(), None)?;
+    let net = denoise::of_scene(&scene)?;
     let mut out = OutFolder::new(&args.out)?;
     let mut progress = Progress::default();
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
@@ -74,13 +76,20 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let method = choice.method;
     let (linearised, setup) = (&linearised, &setup);
     let task = Task { scene: &scene, method, setup, linearised, frames: &frames, fit };
-    let made = match method {
+    let mut made = match method {
         Method::StTv | Method::Tv => total_variation::make(&task, &mut progress)?,
         _ => gauss_newton::make(&task, &mut progress)?,
     };
     let gain = task.fit.gain;
     let found =
         pipeline::touches::touches(&scene, (setup, linearised), (&frames, gain), &mut progress)?;
+    if let Some(net) = &net {
+        out.write("raw.npy", |w| write_npy(&made.images, w))?;
+        net.apply(&mut made.images, &made.raster, &mut progress)?;
+        made.footnote += ", U-net";
+        made.lines.push(net.words());
+        made.report["denoise"] = net.json();
+    }
     let mut notes = frames.notes.clone();
     notes.extend(linearised.warning.clone());
     notes.extend(made.notes.clone());
@@ -102,18 +111,17 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
     let line = touches::line(found.as_ref());
     let text = format!("{line}\n{}", text(&task, &made, (choice.why, &notes), &out));
-    out.commit(&["movie.gif", "hyperparameter.png", "touches.csv"])?;
+    out.commit(&["movie.gif", "hyperparameter.png", "touches.csv", "raw.npy"])?;
     Ok(Answer { text, json })
 }
 
 /// Sections of other versions.
 fn check_sections(scene: &Scene) -> Result<(), CliError> {
-    let absent = [("denoise", &scene.denoise), ("instrument", &scene.instrument)];
-    match absent.iter().find(|(_, section)| section.is_some()) {
+    match &scene.instrument {
         None => Ok(()),
-        Some((name, _)) => Err(CliError::input(format!(
-            "[{name}] is not in this version: take the section out of the scene"
-        ))),
+        Some(_) => Err(CliError::input(
+            "[instrument] is not in this version: take the section out of the scene",
+        )),
     }
 }
 
@@ -151,7 +159,7 @@ fn common_range(images: ArrayView3<'_, f64>) -> Option<[f64; 2]> {
 }
 
 /// `sheet.png`, and `movie.gif` where there is a sequence.
-pub(super) fn write_pictures(
+pub(in crate::commands) fn write_pictures(
     out: &mut OutFolder,
     images: ArrayView3<'_, f64>,
     skin: &SkinDrawing,

@@ -50,8 +50,8 @@ pub(crate) struct Scene {
     /// Touches.
     #[serde(default)]
     pub touch: TouchKeys,
-    /// U-net; not in this version.
-    pub denoise: Option<toml::Table>,
+    /// U-net.
+    pub denoise: Option<DenoiseKeys>,
     /// Live instrument; not in this version.
     pub instrument: Option<toml::Table>,
     /// Name for titles: the file's stem or the built-in name.
@@ -280,6 +280,17 @@ pub(crate) enum TouchSign {
     Decrease,
 }
 
+/// `[denoise]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct DenoiseKeys {
+    /// "default", or a file of `eit train`.
+    pub weights: String,
+    /// Set to true to take the weights of another skin.
+    #[serde(default)]
+    pub any_skin: bool,
+}
+
 impl Scene {
     /// Reads a scene file, or takes a built-in scene by its name, and checks it.
     pub fn load(name_or_path: &str) -> Result<Self, CliError> {
@@ -312,6 +323,27 @@ impl Scene {
                 e.utf8_error().valid_up_to()
             ))
         })
+    }
+
+    /// What a net that was trained on this scene belongs to: checksum of skin, electrodes and
+    /// protocol, as written, with the content of files that they name.
+    pub fn skin_fingerprint(&self) -> Result<String, CliError> {
+        let table: toml::Table = from_toml(&Self::text(&self.place)?, &self.place)?;
+        let mut hash = crc32fast::Hasher::new();
+        for section in ["skin", "electrodes", "protocol"] {
+            let Some(toml::Value::Table(keys)) = table.get(section) else { continue };
+            // tables are sorted by key
+            for (key, value) in keys {
+                let file = key == "file" || key.ends_with("_file");
+                let (toml::Value::String(name), true) = (value, file) else {
+                    hash.update(format!("{section}.{key} = {value}\n").as_bytes());
+                    continue;
+                };
+                let path = self.resolve(Path::new(name));
+                hash.update(&std::fs::read(&path).map_err(|e| CliError::at(&path, e))?);
+            }
+        }
+        Ok(format!("{:08x}", hash.finalize()))
     }
 
     /// A path of the scene as seen from the working folder.

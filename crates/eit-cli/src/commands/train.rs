@@ -1,0 +1,240 @@
+//! `eit train`: a learning base out of simulated touches, then a U-net.
+
+mod curve;
+mod motion;
+mod sequence;
+
+use super::{Answer, ending};
+use crate::cli::TrainArgs;
+use crate::denoise::{Scores, scores};
+use crate::error::CliError;
+use crate::output::OutFile;
+use crate::progress::Progress;
+use crate::scene::Scene;
+use eit_denoise::{
+    BaseSettings, Denoiser, Examples, ImageStack, LearningBase, Shard, ThresholdRule,
+    TrainSettings, TrainStatus, Trainer, UnetShape, Weights,
+};
+use ndarray::{Array3, Axis, concatenate};
+use sequence::Workshop;
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+/// One sequence of so many is held out.
+const HELD_OUT: usize = 6;
+
+/// Makes the base where it is not complete, trains or goes on, writes weights and curve.
+pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
+    let scene = Scene::load(&args.scene)?;
+    super::check_ending(&args.out, &["safetensors"])?;
+    let settings = settings(args)?;
+    if args.sequences < 2 {
+        return Err(CliError::input("--sequences: at least 2, as one is held out"));
+    }
+    let out = OutFile::new(&args.out)?;
+    let threads = match args.threads {
+        Some(0) => return Err(CliError::input("--threads 0: at least 1")),
+        Some(threads) => threads,
+        None => std::thread::available_parallelism().map_or(1, usize::from),
+    };
+    let mut progress = Progress::default();
+    let workshop = Workshop::new(&scene, args, threads, &mut progress)?;
+    let folder = args.base.clone().unwrap_or_else(|| args.out.with_extension("base"));
+    let base = base(args, &scene, &workshop, &folder, &mut progress)?;
+    let (train, held_out) = progress.stage("read the base", || shards(&base))?;
+    let name = base.checksum()?;
+    let checkpoint = args.out.with_extension("checkpoint");
+    let trainer =
+        learn(&settings, (&train, &held_out), &name, (&checkpoint, threads), &mut progress)?;
+    let skin = scene.skin_fingerprint()?;
+    let bare = trainer.weights(&skin, base.settings().pixels, BTreeMap::new());
+    let scores = progress.stage("compare", || held_out_scores(&bare, &held_out))?;
+    let about = about(&scene, &base, &name, &trainer, &scores);
+    let weights = Weights { about, ..bare };
+    let bytes = weights.to_bytes()?;
+    out.write(|w| w.write_all(&bytes).map_err(crate::output::io))?;
+    curve::write(&trainer, &args.out)?;
+    let json = json!({
+        "scene": scene.name,
+        "skin": skin,
+        "base": folder.display().to_string(),
+        "base_checksum": name,
+        "examples": base.frames(),
+        "parameters": settings.shape.parameters(),
+        "multiply_adds": settings.shape.multiply_adds(weights.pixels[0], weights.pixels[1]),
+        "epochs": trainer.curve().len(),
+        "status": status_words(trainer.status()),
+        "held_out_error": trainer.best().map(|e| e.held_out_error),
+        "held_out": scores.json(),
+        "bytes": bytes.len(),
+        "stages": progress.times(),
+        "out": args.out.display().to_string(),
+    });
+    let text = format!(
+        "{} frames of {} sequences in {}\n{} weights, {} epochs ({}), held-out error {:.4}\n\
+         held-out sequences: {}\nwritten to {} ({} kB), learning curve beside it\nnext: \
+         [denoise] weights = \"{}\" in the scene, or eit denoise {} --weights {} --images F.npy --out DIR",
+        base.frames(),
+        args.sequences,
+        folder.display(),
+        settings.shape.parameters(),
+        trainer.curve().len(),
+        status_words(trainer.status()),
+        trainer.best().map_or(f64::NAN, |e| e.held_out_error),
+        scores.words(),
+        args.out.display(),
+        bytes.len() / 1000,
+        args.out.display(),
+        args.scene,
+        args.out.display(),
+    );
+    Ok(Answer { text, json })
+}
+
+fn settings(args: &TrainArgs) -> Result<TrainSettings, CliError> {
+    let shape = UnetShape { history: args.history, width: args.width, depth: args.depth };
+    let TrainArgs { seed, epochs, batch, rate, patience, .. } = *args;
+    let settings = TrainSettings { shape, seed, epochs, batch, rate, patience };
+    settings.validate().map_err(|e| CliError::input(format!("--{e}")))?;
+    Ok(settings)
+}
+
+/// The learning base, complete.
+fn base(
+    args: &TrainArgs,
+    scene: &Scene,
+    workshop: &Workshop<'_>,
+    folder: &Path,
+    progress: &mut Progress,
+) -> Result<LearningBase, CliError> {
+    let settings = BaseSettings {
+        skin: scene.skin_fingerprint()?,
+        pixels: workshop.pixels(),
+        seed: args.seed,
+        shards: args.sequences,
+        recipe: workshop.recipe(),
+    };
+    let mut base = LearningBase::create(folder, &settings)?;
+    let missing = base.missing();
+    if missing.is_empty() {
+        return Ok(base);
+    }
+    progress.steps("sequences", missing.len(), |bar| {
+        for index in missing {
+            let shard = workshop.sequence(index);
+            base.write(index, &shard.map_err(|e| e.within(&format!("sequence {index}")))?)?;
+            bar.inc(1);
+        }
+        Ok::<_, CliError>(base)
+    })
+}
+
+/// Shards to learn from, and those held out.
+fn shards(base: &LearningBase) -> Result<(Vec<Shard>, Vec<Shard>), CliError> {
+    let (mut train, mut held_out) = (Vec::new(), Vec::new());
+    let count = base.settings().shards;
+    for index in 0..count {
+        // the last one where there are few
+        let is_held_out =
+            index % HELD_OUT == HELD_OUT - 1 || (count < HELD_OUT && index == count - 1);
+        let list = if is_held_out { &mut held_out } else { &mut train };
+        list.push(base.read(index)?);
+    }
+    Ok((train, held_out))
+}
+
+/// Trains from the start, or from the checkpoint.
+fn learn(
+    settings: &TrainSettings,
+    (train, held_out): (&[Shard], &[Shard]),
+    base: &str,
+    (checkpoint, threads): (&Path, usize),
+    progress: &mut Progress,
+) -> Result<Trainer, CliError> {
+    let history = settings.shape.history;
+    let (train, held_out) = (Examples::new(train, history)?, Examples::new(held_out, history)?);
+    let mut trainer = match checkpoint.exists() {
+        true => Trainer::resume(checkpoint, settings, base)?,
+        false => Trainer::new(settings, base)?,
+    };
+    let steps = train.len().div_ceil(settings.batch);
+    progress.steps("training", settings.epochs * steps, |bar| {
+        while trainer.status() == TrainStatus::Running {
+            let done = trainer.curve().len() * steps;
+            trainer.epoch(&train, &held_out, threads, &mut |step, _| {
+                bar.set_position((done + step) as u64);
+                ControlFlow::Continue(())
+            })?;
+            trainer.save(checkpoint)?;
+        }
+        Ok(trainer)
+    })
+}
+
+fn status_words(status: TrainStatus) -> &'static str {
+    match status {
+        TrainStatus::Running => "not finished",
+        TrainStatus::Done => "all done",
+        TrainStatus::Stopped => "stopped early",
+    }
+}
+
+/// Net and threshold rule against the raw images of the held-out sequences.
+fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, CliError> {
+    let Some(first) = held_out.first() else {
+        return Err(CliError::Failure("no sequence was held out".to_owned()));
+    };
+    let mut net = Denoiser::new(weights, first.mask.view())?;
+    let mut rule = ThresholdRule::default().on(first.mask.view())?;
+    let (mut raw, mut made, mut wanted) = (Vec::new(), Vec::new(), Vec::new());
+    for shard in held_out {
+        let stack =
+            |images: &Array3<f32>| ImageStack::new(images.mapv(f64::from), shard.mask.clone());
+        let own = stack(&shard.raw)?;
+        made.push(net.denoise(&own)?.into_parts().0);
+        raw.push(own.into_parts().0);
+        wanted.push(stack(&shard.wanted)?.into_parts().0);
+    }
+    let join = |list: &[Array3<f64>]| {
+        let views: Vec<_> = list.iter().map(|images| images.view()).collect();
+        concatenate(Axis(0), &views).map_err(|e| CliError::Failure(format!("joining: {e}")))
+    };
+    scores(join(&raw)?.view(), join(&made)?.view(), join(&wanted)?.view(), &mut rule)
+}
+
+/// What the weights' file says of them.
+fn about(
+    scene: &Scene,
+    base: &LearningBase,
+    checksum: &str,
+    trainer: &Trainer,
+    scores: &Scores,
+) -> BTreeMap<String, String> {
+    let settings = trainer.settings();
+    let best = trainer.best();
+    let entries = [
+        ("scene", scene.name.clone()),
+        ("base", checksum.to_owned()),
+        ("recipe", base.settings().recipe.clone()),
+        ("sequences", base.settings().shards.to_string()),
+        ("examples", base.frames().to_string()),
+        ("seed", settings.seed.to_string()),
+        ("epochs", trainer.curve().len().to_string()),
+        ("best_epoch", best.map_or(String::new(), |e| e.epoch.to_string())),
+        ("batch", settings.batch.to_string()),
+        ("rate", settings.rate.to_string()),
+        ("held_out_error", best.map_or(String::new(), |e| e.held_out_error.to_string())),
+        ("held_out_net_over_raw", scores.net_over_raw.to_string()),
+        ("held_out_rule_over_raw", scores.rule_over_raw.to_string()),
+        ("program", format!("eit {}", env!("CARGO_PKG_VERSION"))),
+    ];
+    entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}
+
+/// A file beside the weights.
+fn beside(weights: &Path, extension: &str) -> PathBuf {
+    debug_assert_ne!(ending(weights), extension);
+    weights.with_extension(extension)
+}

@@ -1,0 +1,48 @@
+//! The learning curve, as numbers and as a picture.
+
+use super::beside;
+use crate::error::CliError;
+use crate::output::{OutFile, io};
+use crate::picture::{Plot, Series, draw_plot};
+use eit_denoise::{Epoch, Trainer};
+use std::path::Path;
+
+/// Writes `csv` and `png` beside the weights.
+pub(super) fn write(trainer: &Trainer, weights: &Path) -> Result<(), CliError> {
+    OutFile::new(&beside(weights, "csv"))?.write(|w| {
+        writeln!(w, "epoch,train_error,held_out_error,rate").map_err(io)?;
+        for Epoch { epoch, train_error, held_out_error, rate } in trainer.curve() {
+            writeln!(w, "{epoch},{train_error:e},{held_out_error:e},{rate:e}").map_err(io)?;
+        }
+        Ok(())
+    })?;
+    let line = |name: &str, value: &dyn Fn(&Epoch) -> f64| Series {
+        name: name.to_owned(),
+        points: trainer.curve().iter().map(|e| [(e.epoch + 1) as f64, value(e)]).collect(),
+        line: true,
+        markers: true,
+    };
+    let shape = trainer.settings().shape;
+    let plot = Plot {
+        title: "Learning curve".to_owned(),
+        footnote: format!(
+            "U-net of {} weights (width {}, depth {}, {} frames), seed {}",
+            shape.parameters(),
+            shape.width,
+            shape.depth,
+            shape.history,
+            trainer.settings().seed
+        ),
+        x_label: "epoch".to_owned(),
+        y_label: "mean squared error, images scaled to 1".to_owned(),
+        x_log: false,
+        y_log: true,
+        series: vec![
+            line("learnt from", &|e| e.train_error),
+            line("held out", &|e| e.held_out_error),
+        ],
+        zoom: 2,
+    };
+    let picture = draw_plot(&plot)?;
+    OutFile::new(&beside(weights, "png"))?.write(|w| Ok(picture.write_png(w)?))
+}

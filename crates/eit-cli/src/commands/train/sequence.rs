@@ -1,0 +1,257 @@
+//! One sequence of a learning base: simulate, turn, reconstruct, and the truth turned alike.
+
+use super::motion::{QUIET, RECIPE, Random, fabric, script};
+use crate::cli::TrainArgs;
+use crate::error::CliError;
+use crate::frames;
+use crate::method::{self, Method};
+use crate::output::{io, write_npy};
+use crate::pipeline::{self, Linearised, Setup};
+use crate::progress::Progress;
+use crate::scene::{Direction, Noise, OneOrMany, Pair, Recording, Reference, Scene, Shape};
+use eit_denoise::{DiscSymmetry, ImageStack, MeasurementOrder, Shard};
+use eit_fem::FemError;
+use eit_fem::fabric::{Fabric, PlayCircle, Simulation, SimulationSettings};
+use eit_mesh::Raster;
+use ndarray::{Array2, Array3, ArrayView2, Axis};
+use std::io::Write as _;
+
+/// Nodes of the mesh that simulates: twice those that reconstruct.
+const NODES: usize = 4000;
+/// Pixels of the truth for each of an image's, along a side: it is turned before it is averaged.
+const FINE: usize = 2;
+/// Scripts that are drawn before giving up on one that no fabric bears.
+const ATTEMPTS: usize = 8;
+
+/// Meshes and settings that all sequences share.
+pub(super) struct Workshop<'a> {
+    scene: &'a Scene,
+    method: Method,
+    frames: usize,
+    seed: u64,
+    threads: usize,
+    /// Reconstructs.
+    setup: Setup,
+    linearised: Linearised,
+    raster: Raster,
+    /// Simulates.
+    simulating: Setup,
+    fine: Raster,
+    symmetries: Vec<(DiscSymmetry, MeasurementOrder)>,
+}
+
+impl<'a> Workshop<'a> {
+    /// Meshes the skin twice.
+    pub fn new(
+        scene: &'a Scene,
+        args: &TrainArgs,
+        threads: usize,
+        progress: &mut Progress,
+    ) -> Result<Self, CliError> {
+        if args.frames < QUIET + 10 {
+            return Err(CliError::input(format!(
+                "--frames {}: at least {}, of which {QUIET} are quiet",
+                args.frames,
+                QUIET + 10
+            )));
+        }
+        let noisy = of_sequence(scene);
+        let method = method::choose(&noisy, args.method.as_deref(), Some(args.frames))?.method;
+        if !(method.is_tv() || method == Method::GaussNewton) {
+            return Err(CliError::input(format!(
+                "--method {}: a net learns from st-tv, tv or gauss-newton",
+                method.name()
+            )));
+        }
+        let setup = pipeline::setup(scene, None, None, progress)?;
+        let raster = pipeline::raster(scene, &setup, progress)?;
+        let linearised = pipeline::linearise(scene, &setup, progress)?;
+        let nodes = (scene.skin.shape != Shape::Mesh).then_some(NODES);
+        if nodes.is_none() {
+            return Err(CliError::input(
+                "a skin from a mesh file cannot be trained: it has no second mesh to simulate on",
+            ));
+        }
+        let simulating = pipeline::setup(scene, None, nodes, progress)?;
+        let fine = Raster::new(simulating.mesh.surface(), FINE * raster.pixels())?;
+        let symmetries = symmetries(scene, &setup)?;
+        let (frames, seed) = (args.frames, args.seed);
+        Ok(Self {
+            scene,
+            method,
+            frames,
+            seed,
+            threads,
+            setup,
+            linearised,
+            raster,
+            simulating,
+            fine,
+            symmetries,
+        })
+    }
+
+    /// Rows and columns of the images.
+    pub fn pixels(&self) -> [usize; 2] {
+        [self.raster.pixels(); 2]
+    }
+
+    /// Everything that the pairs depend on and that is not the skin, the seed or a count.
+    pub fn recipe(&self) -> String {
+        format!(
+            "{} of {} frames, {} symmetries, simulated on {NODES} nodes, {RECIPE}, {:?}, {:?}",
+            self.method.name(),
+            self.frames,
+            self.symmetries.len().max(1),
+            self.scene.fabric.clone().unwrap_or_default(),
+            self.scene.reconstruction,
+        )
+    }
+
+    /// A sequence by its number: the same bytes whenever it is made.
+    pub fn sequence(&self, index: usize) -> Result<Shard, CliError> {
+        let mut last = CliError::Failure("no script was tried".to_owned());
+        for attempt in 0..ATTEMPTS {
+            let mut random = Random::new(self.seed, index, attempt);
+            match self.simulate(&mut random, index)? {
+                Ok(made) => return self.pairs(&mut random, made),
+                Err(error) => last = CliError::from(error),
+            }
+        }
+        Err(last)
+    }
+
+    /// Simulates a drawn script on a drawn fabric; the inner error is one that another draw mends.
+    fn simulate(
+        &self,
+        random: &mut Random,
+        index: usize,
+    ) -> Result<Result<Simulation, FemError>, CliError> {
+        let mesh = &self.simulating.mesh;
+        let settings = fabric(random, &self.scene.fabric.clone().unwrap_or_default());
+        let script = script(random, &PlayCircle::of(mesh), self.frames);
+        let impedance = self.scene.contact_impedance(mesh.electrodes().len())?;
+        let conductivity_s = self.scene.skin.conductivity_s;
+        let protocol = &self.simulating.protocol;
+        let fabric = Fabric::new(mesh, protocol, conductivity_s, &impedance, &settings)?;
+        // noise and weave must not repeat from sequence to sequence
+        let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(index as u64);
+        let how = SimulationSettings { seed, threads: self.threads, keep_elements: false };
+        match fabric.simulate(&script, &self.fine, &how, &mut |_| {}) {
+            Ok(made) => Ok(Ok(made)),
+            Err(
+                error @ (FemError::FoldedMesh { .. }
+                | FemError::ForceTooLarge { .. }
+                | FemError::OutsideSkin { .. }),
+            ) => Ok(Err(error)),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Raw images of the frames and the truth, both turned by a symmetry of the skin.
+    fn pairs(&self, random: &mut Random, made: Simulation) -> Result<Shard, CliError> {
+        let mut values = made.frames_v;
+        let mut to_old = [[1.0, 0.0], [0.0, 1.0]];
+        if !self.symmetries.is_empty() {
+            let (symmetry, order) = &self.symmetries[random.choice(self.symmetries.len())];
+            for mut row in values.rows_mut() {
+                let frame = row.to_vec();
+                let mut turned = vec![0.0; frame.len()];
+                order.apply_into(&frame, &mut turned)?;
+                row.assign(&ndarray::ArrayView1::from(&turned));
+            }
+            let count = self.setup.mesh.electrodes().len() as u32;
+            let first = self.scene.electrodes.first_angle_deg.unwrap_or(0.0).to_radians();
+            let clockwise = self.scene.electrodes.direction == Direction::Clockwise;
+            let [[a, b], [c, d]] = symmetry.matrix(count, first, clockwise);
+            // the inverse of a turn or mirror image is its transpose
+            to_old = [[a, c], [b, d]];
+        }
+        let raw = self.reconstruct(&values)?;
+        let fine = &made.truth.conductivity_change_s;
+        let mask = self.raster.mask();
+        let wanted = Array3::from_shape_fn(raw.dim(), |(f, r, c)| match mask[[r, c]] {
+            true => self.true_mean(fine.index_axis(Axis(0), f), [r, c], to_old),
+            false => f64::NAN,
+        });
+        let stack = |images| ImageStack::new(images, mask.clone());
+        Ok(Shard::new(&stack(raw)?, &stack(wanted)?)?)
+    }
+
+    /// Images as `eit reconstruct` makes them of these frames.
+    fn reconstruct(&self, values: &Array2<f64>) -> Result<Array3<f64>, CliError> {
+        let scene = &of_sequence(self.scene);
+        let mut file =
+            tempfile::Builder::new().prefix(".eit-").suffix(".npy").tempfile().map_err(io)?;
+        write_npy(values, file.as_file_mut())?;
+        file.as_file_mut().flush().map_err(io)?;
+        let files = [file.path().to_path_buf()];
+        let (setup, linearised, raster) = (&self.setup, &self.linearised, &self.raster);
+        let mut frames = frames::load(scene, &setup.protocol, &files, None)?;
+        let kind = scene.difference_kind(&setup.protocol);
+        let voltages = linearised.voltages.to_vec();
+        let fit = frames.fit_model(&voltages, kind, scene.skin.conductivity_s)?;
+        let mut silent = Progress::silent();
+        if self.method == Method::GaussNewton {
+            let imaging = pipeline::imaging(scene, setup, linearised, &frames, &mut silent)?;
+            return Ok(imaging.images(&frames, &mut silent)?.into_parts().0);
+        }
+        let parts = (setup, linearised, raster);
+        let movie =
+            pipeline::tv::reconstruct(scene, self.method, parts, (&frames, fit.gain), &mut silent)?;
+        Ok(raster.images_from_pixels(movie.pixels.view())?)
+    }
+
+    /// Mean of the truth over a pixel, whose places `to_old` takes to where they were simulated.
+    fn true_mean(
+        &self,
+        fine: ArrayView2<'_, f64>,
+        [row, column]: [usize; 2],
+        to_old: [[f64; 2]; 2],
+    ) -> f64 {
+        let [x, y] = self.raster.centre_m(row, column);
+        let step = self.raster.pixel_m() / (2 * FINE) as f64;
+        let (mut sum, mut count) = (0.0, 0);
+        for i in 0..2 * FINE {
+            for j in 0..2 * FINE {
+                let off = |k: usize| (k as f64 + 0.5 - FINE as f64) * step;
+                let p = [x + off(i), y + off(j)];
+                let old = to_old.map(|row| row[0] * p[0] + row[1] * p[1]);
+                let value = self.fine.pixel_at(old).map(|place| fine[place]);
+                if let Some(value) = value.filter(|v| v.is_finite()) {
+                    (sum, count) = (sum + value, count + 1);
+                }
+            }
+        }
+        // a pixel of the rim may lie off the other mesh
+        if count == 0 { 0.0 } else { sum / f64::from(count) }
+    }
+}
+
+/// The scene with the frames of a sequence: quiet ones first.
+fn of_sequence(scene: &Scene) -> Scene {
+    Scene {
+        recording: Recording {
+            reference: Some(Reference::Text(format!("0..{QUIET}"))),
+            ..Default::default()
+        },
+        noise: Noise { quiet_frames: Some(Pair([0, QUIET - 1])), additive_v: None },
+        ..scene.clone()
+    }
+}
+
+/// Turns and mirror images that skin and protocol share; none where only the identity is known.
+fn symmetries(
+    scene: &Scene,
+    setup: &Setup,
+) -> Result<Vec<(DiscSymmetry, MeasurementOrder)>, CliError> {
+    let electrodes = &scene.electrodes;
+    let alike = !matches!(electrodes.contact_impedance_ohm_m, Some(OneOrMany::Many(_)));
+    let even = scene.skin.shape == Shape::Disc && electrodes.positions_m.is_none() && alike;
+    match setup.protocol.quadruples() {
+        Some(quadruples) if even => {
+            Ok(MeasurementOrder::of_disc(quadruples, setup.mesh.electrodes().len() as u32)?)
+        }
+        _ => Ok(Vec::new()),
+    }
+}

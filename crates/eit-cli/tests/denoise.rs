@@ -1,0 +1,138 @@
+//! Training and denoising as a user does them, on a small skin.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+mod common;
+
+use common::{SMALL, refuse, succeed, text, write_scene};
+use std::path::Path;
+
+const FEW: [&str; 14] = [
+    "--method",
+    "gauss-newton",
+    "--sequences",
+    "2",
+    "--frames",
+    "34",
+    "--epochs",
+    "2",
+    "--width",
+    "2",
+    "--depth",
+    "2",
+    "--threads",
+    "2",
+];
+
+fn scene(folder: &Path) -> std::path::PathBuf {
+    write_scene(folder, &format!("{SMALL}\n[reconstruction]\npixels = 24\n"))
+}
+
+fn train(scene: &Path, out: &Path) -> serde_json::Value {
+    let mut arguments = vec!["train", text(scene), "--out", text(out), "--json"];
+    arguments.extend(FEW);
+    serde_json::from_str(&succeed(&arguments)).unwrap()
+}
+
+/// One after the other: train, again from what is there, denoise, refuse.
+#[test]
+fn a_net_is_trained_goes_on_and_denoises() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let weights = folder.path().join("w.safetensors");
+    let report = train(&scene, &weights);
+    assert_eq!(report["epochs"], 2);
+    assert_eq!(report["status"], "all done");
+    assert!(report["held_out"]["frames"].as_u64().unwrap() > 5, "{report}");
+    for ending in ["csv", "png", "checkpoint", "base"] {
+        assert!(weights.with_extension(ending).exists(), "{ending}");
+    }
+    let curve = std::fs::read_to_string(weights.with_extension("csv")).unwrap();
+    assert_eq!(curve.lines().count(), 3);
+
+    // a shard lost its end, checkpoint and weights are gone: made again, the same bytes
+    let bytes = std::fs::read(&weights).unwrap();
+    let shard = weights.with_extension("base").join("shard-00001.safetensors");
+    let whole = std::fs::read(&shard).unwrap();
+    std::fs::write(&shard, &whole[..whole.len() / 2]).unwrap();
+    std::fs::remove_file(weights.with_extension("checkpoint")).unwrap();
+    train(&scene, &weights);
+    assert_eq!(std::fs::read(&shard).unwrap(), whole);
+    let same = |a: &[u8], b: &[u8]| {
+        // metadata stand in any order
+        eit_denoise::Weights::from_bytes(a).unwrap() == eit_denoise::Weights::from_bytes(b).unwrap()
+    };
+    assert!(same(&std::fs::read(&weights).unwrap(), &bytes));
+    let mut other = vec!["train", text(&scene), "--out", text(&weights), "--seed", "2"];
+    other.extend(FEW);
+    assert!(refuse(&other).contains("the seed is 1 there, but 2 here"));
+
+    // a recording of the same skin, with and without the net in the scene
+    let touched = folder.path().join("touched");
+    succeed(&[
+        "simulate",
+        text(&scene),
+        "--frames",
+        "40",
+        "--nodes",
+        "900",
+        "--out",
+        text(&touched),
+    ]);
+    let made = touched.join("scene.toml");
+    let (plain, netted) = (folder.path().join("plain"), folder.path().join("netted"));
+    let gauss_newton = ["--method", "gauss-newton"];
+    let mut arguments = vec!["reconstruct", text(&made), "--out", text(&plain)];
+    arguments.extend(gauss_newton);
+    succeed(&arguments);
+    let with_net = std::fs::read_to_string(&made).unwrap()
+        + &format!("\n[denoise]\nweights = '{}'\n", weights.display());
+    std::fs::write(&made, with_net).unwrap();
+    let mut arguments = vec!["reconstruct", text(&made), "--out", text(&netted)];
+    arguments.extend(gauss_newton);
+    assert!(succeed(&arguments).contains("U-net of"));
+    let read = |folder: &Path, name: &str| std::fs::read(folder.join(name)).unwrap();
+    assert_eq!(read(&netted, "raw.npy"), read(&plain, "images.npy"));
+    assert_ne!(read(&netted, "images.npy"), read(&plain, "images.npy"));
+
+    let images = plain.join("images.npy");
+    let truth = touched.join("truth_conductivity.npy");
+    let out = folder.path().join("denoised");
+    let answer = succeed(&[
+        "denoise",
+        text(&scene),
+        "--images",
+        text(&images),
+        "--weights",
+        text(&weights),
+        "--truth",
+        text(&truth),
+        "--out",
+        text(&out),
+    ]);
+    assert!(answer.contains("of the raw image's"), "{answer}");
+    assert_eq!(read(&out, "images.npy"), read(&netted, "images.npy"));
+
+    refusals(folder.path(), &weights, &images);
+}
+
+fn refusals(folder: &Path, weights: &Path, images: &Path) {
+    let out = folder.join("refused");
+    let denoise = |scene: &str, weights: &Path, images: &Path| {
+        let (images, weights) = (text(images), text(weights));
+        refuse(&["denoise", scene, "--images", images, "--weights", weights, "--out", text(&out)])
+    };
+    // the paper's skin at 24 pixels is not the small one
+    let found = denoise("paper-disc", weights, images);
+    assert!(found.contains("the weights are for skin"), "{found}");
+    let scene = scene(folder);
+    let cut = folder.join("cut.safetensors");
+    let bytes = std::fs::read(weights).unwrap();
+    std::fs::write(&cut, &bytes[..bytes.len() - 9]).unwrap();
+    let found = denoise(text(&scene), &cut, images);
+    assert!(found.contains("cut.safetensors: damaged, or not a file"), "{found}");
+    let found = denoise(text(&scene), weights, &cut);
+    assert!(found.contains("cut.safetensors"), "{found}");
+    let found = refuse(&["train", text(&scene), "--out", "w.npy"]);
+    assert!(found.contains(".safetensors"), "{found}");
+    assert!(!out.join("images.npy").exists());
+}

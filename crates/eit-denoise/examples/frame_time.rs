@@ -1,0 +1,56 @@
+//! What a frame of 64 x 64 pixels costs with nets of several sizes, on this machine and one core.
+//!
+//! Run with `cargo run --release -p eit-denoise --features unet --example frame_time`.
+#![allow(missing_docs, reason = "an example is read, not linked against")]
+#![allow(clippy::print_stdout, reason = "an example shows its result")]
+
+use eit_denoise::{DenoiseError, Denoiser, UnetShape, Weights};
+use ndarray::Array2;
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+const PIXELS: usize = 64;
+
+/// One net's size and cost.
+pub struct Cost {
+    pub parameters: usize,
+    pub multiply_adds: f64,
+    /// Least of some frames: what other work on the machine adds is no property of the net.
+    pub time_s: f64,
+}
+
+/// Times nets that were never trained: their cost is the same.
+pub fn run() -> Result<Vec<Cost>, DenoiseError> {
+    let mask = Array2::from_elem((PIXELS, PIXELS), true);
+    let image = Array2::from_shape_fn((PIXELS, PIXELS), |(r, c)| (0.1 * r as f64).sin() + c as f64);
+    let mut out = Array2::zeros((PIXELS, PIXELS));
+    let mut costs = Vec::new();
+    for [history, width, depth] in [[1, 4, 3], [1, 6, 3], [3, 6, 3], [1, 8, 3], [1, 16, 3]] {
+        let shape = UnetShape { history, width, depth };
+        // of about unit gain
+        let weight = |k: usize| 0.1 * (0.7 * k as f32).sin();
+        let parameters = (0..shape.parameters()).map(weight).collect();
+        let (skin, pixels) = (String::new(), [PIXELS, PIXELS]);
+        let weights = Weights { shape, parameters, skin, pixels, about: BTreeMap::new() };
+        let mut net = Denoiser::new(&weights, mask.view())?;
+        let mut time_s = f64::INFINITY;
+        for _ in 0..50 {
+            let start = Instant::now();
+            net.push_into(image.view(), out.view_mut())?;
+            time_s = time_s.min(start.elapsed().as_secs_f64());
+        }
+        let (parameters, multiply_adds) = (shape.parameters(), shape.multiply_adds(PIXELS, PIXELS));
+        println!(
+            "history {history}, width {width}, depth {depth}: {parameters} weights, {:.1} million \
+             multiply-adds, {:.2} ms",
+            1e-6 * multiply_adds,
+            1e3 * time_s
+        );
+        costs.push(Cost { parameters, multiply_adds, time_s });
+    }
+    Ok(costs)
+}
+
+fn main() -> Result<(), DenoiseError> {
+    run().map(|_| ())
+}

@@ -1,0 +1,140 @@
+//! Symmetry of electrodes as a change of order of the measurements.
+
+use crate::DenoiseError;
+use std::collections::HashMap;
+
+/// How a skin that was turned or mirrored would have measured.
+///
+/// A frame of a touched skin becomes the frame of the turned touch, noise and errors of the
+/// instrument included, without simulating or touching again. The skin itself must have the
+/// symmetry: equal electrodes at equal distances on a disc have `count` turns and as many mirror
+/// images.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasurementOrder {
+    /// For each new measurement the old one, and the sign it takes.
+    from: Vec<(usize, f64)>,
+}
+
+impl MeasurementOrder {
+    /// The order after every electrode `l` of the skin has moved to the place of
+    /// `new_electrode[l]`, 0-based. `quadruples` `[a, b, m, n]` are those of the protocol; a swap of
+    /// drive or measurement changes the sign, a swap of the two pairs (reciprocity) does not.
+    ///
+    /// `None` where the protocol has not the symmetry: some quadruple has no counterpart.
+    ///
+    /// # Errors
+    /// [`DenoiseError::OutOfRange`] where `new_electrode` is no permutation or a quadruple names an
+    /// electrode that it has not.
+    pub fn new(
+        quadruples: &[[u32; 4]],
+        new_electrode: &[u32],
+    ) -> Result<Option<Self>, DenoiseError> {
+        let count = new_electrode.len();
+        let mut old_electrode = vec![u32::MAX; count];
+        for (old, &new) in new_electrode.iter().enumerate() {
+            match old_electrode.get_mut(new as usize) {
+                Some(place) if *place == u32::MAX => *place = old as u32,
+                _ => {
+                    let (quantity, must) = ("new_electrode", "a permutation of the electrodes");
+                    return Err(DenoiseError::OutOfRange { quantity, value: f64::from(new), must });
+                }
+            }
+        }
+        let mut known = HashMap::new();
+        for (i, quadruple) in quadruples.iter().enumerate() {
+            if let Some(&electrode) = quadruple.iter().find(|l| **l as usize >= count) {
+                let (quantity, must) = ("electrode", "below the number of electrodes");
+                let value = f64::from(electrode);
+                return Err(DenoiseError::OutOfRange { quantity, value, must });
+            }
+            known.insert(*quadruple, i);
+        }
+        let counterpart = |quadruple: &[u32; 4]| {
+            let [a, b, m, n] = quadruple.map(|l| old_electrode[l as usize]);
+            let ways = [
+                ([a, b, m, n], 1.0),
+                ([b, a, n, m], 1.0),
+                ([b, a, m, n], -1.0),
+                ([a, b, n, m], -1.0),
+                ([m, n, a, b], 1.0),
+                ([n, m, b, a], 1.0),
+                ([n, m, a, b], -1.0),
+                ([m, n, b, a], -1.0),
+            ];
+            ways.into_iter().find_map(|(way, sign)| known.get(&way).map(|&i| (i, sign)))
+        };
+        let from: Option<Vec<_>> = quadruples.iter().map(counterpart).collect();
+        Ok(from.map(|from| Self { from }))
+    }
+
+    /// The symmetries of `count` equal electrodes at equal distances around a disc that a protocol
+    /// shares: each turn by `steps` electrodes, plain or after mirroring (electrode `l` to `-l`).
+    /// The first is the identity.
+    ///
+    /// # Errors
+    /// As [`MeasurementOrder::new`].
+    pub fn of_disc(
+        quadruples: &[[u32; 4]],
+        count: u32,
+    ) -> Result<Vec<(DiscSymmetry, Self)>, DenoiseError> {
+        let mut found = Vec::new();
+        for mirrored in [false, true] {
+            for steps in 0..count {
+                let symmetry = DiscSymmetry { steps, mirrored };
+                let new: Vec<u32> = (0..count).map(|l| symmetry.new_electrode(l, count)).collect();
+                found.extend(Self::new(quadruples, &new)?.map(|order| (symmetry, order)));
+            }
+        }
+        Ok(found)
+    }
+
+    /// Writes the frame of the turned skin; both as long as the protocol.
+    ///
+    /// # Errors
+    /// [`DenoiseError::WrongLength`].
+    pub fn apply_into(&self, frame: &[f64], out: &mut [f64]) -> Result<(), DenoiseError> {
+        let wanted = self.from.len();
+        for found in [frame.len(), out.len()] {
+            if found != wanted {
+                return Err(DenoiseError::WrongLength { what: "measurements", found, wanted });
+            }
+        }
+        for (out, &(old, sign)) in out.iter_mut().zip(&self.from) {
+            *out = sign * frame[old];
+        }
+        Ok(())
+    }
+}
+
+/// A symmetry of a disc with equally spaced electrodes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DiscSymmetry {
+    /// Turned by so many electrodes, in the direction in which they are numbered.
+    pub steps: u32,
+    /// Mirrored before, on the axis through electrode 0.
+    pub mirrored: bool,
+}
+
+impl DiscSymmetry {
+    /// Where electrode `l` of `count` comes to lie.
+    pub fn new_electrode(self, l: u32, count: u32) -> u32 {
+        let l = if self.mirrored { (count - l) % count } else { l };
+        (l + self.steps) % count
+    }
+
+    /// The linear map of places that belongs to it, rows of a 2 x 2 matrix, for electrode 0 at
+    /// `first_angle` (radians counter-clockwise from +x) and electrodes numbered counter-clockwise,
+    /// or clockwise. Turns are about the origin.
+    pub fn matrix(self, count: u32, first_angle: f64, clockwise: bool) -> [[f64; 2]; 2] {
+        let turn = std::f64::consts::TAU * f64::from(self.steps) / f64::from(count);
+        let turn = if clockwise { -turn } else { turn };
+        if self.mirrored {
+            // angle first + t goes to first - t + turn
+            let (sin, cos) = (2.0 * first_angle + turn).sin_cos();
+            [[cos, sin], [sin, -cos]]
+        } else {
+            let (sin, cos) = turn.sin_cos();
+            [[cos, -sin], [sin, cos]]
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! A U-net written down as its definition, in `f64` and without any cleverness.
+#![allow(dead_code, reason = "each test binary takes what it needs")]
+
+use eit_denoise::{UnetShape, Weights};
+use ndarray::{Array2, Array3};
+use std::collections::BTreeMap;
+
+/// A linear congruential generator, uniform in -1..1.
+pub fn uniform(state: &mut u64) -> f64 {
+    *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+    (*state >> 33) as f64 / (1_u64 << 30) as f64 - 1.0
+}
+
+/// Pixels of a disc.
+pub fn disc(rows: usize, columns: usize) -> Array2<bool> {
+    Array2::from_shape_fn((rows, columns), |(r, c)| {
+        let at = |i: usize, n: usize| (2 * i + 1) as f64 / n as f64 - 1.0;
+        at(r, rows).hypot(at(c, columns)) < 1.0
+    })
+}
+
+/// Frames of a bell that moves over noise, NaN outside the mask.
+pub fn touched(frames: usize, mask: &Array2<bool>) -> Array3<f64> {
+    let mut state = 5;
+    let (rows, columns) = mask.dim();
+    Array3::from_shape_fn((frames, rows, columns), |(f, r, c)| {
+        let noise = 0.05 * uniform(&mut state);
+        let [y, x] = [r as f64 / rows as f64 - 0.4, c as f64 / columns as f64 - 0.3];
+        let x = x - 0.03 * f as f64;
+        if mask[[r, c]] { 1e-6 * ((-(x * x + y * y) / 0.01).exp() + noise) } else { f64::NAN }
+    })
+}
+
+/// Random weights of about unit gain.
+pub fn weights(shape: UnetShape, pixels: [usize; 2]) -> Weights {
+    let mut state = 11;
+    let mut parameters = Vec::new();
+    for c in convolutions(shape) {
+        let gain = (3.0 / (c[1] * c[2] * c[2]) as f64).sqrt();
+        parameters.extend((0..c[0] * c[1] * c[2] * c[2]).map(|_| gain * uniform(&mut state)));
+        parameters.extend((0..c[0]).map(|_| 0.1 * uniform(&mut state)));
+    }
+    let parameters = parameters.into_iter().map(|w| w as f32).collect();
+    Weights { shape, parameters, skin: "test".to_owned(), pixels, about: BTreeMap::new() }
+}
+
+/// [outputs, inputs, side] of all convolutions.
+pub fn convolutions(shape: UnetShape) -> Vec<[usize; 3]> {
+    let channels = |level: usize| shape.width * 2_usize.pow(level as u32);
+    let mut list = vec![[channels(0), shape.history + 1, 3], [channels(0), channels(0), 3]];
+    for l in 1..=shape.depth {
+        list.extend([[channels(l), channels(l - 1), 3], [channels(l), channels(l), 3]]);
+    }
+    for l in (0..shape.depth).rev() {
+        list.extend([
+            [channels(l), channels(l) + channels(l + 1), 3],
+            [channels(l), channels(l), 3],
+        ]);
+    }
+    list.push([1, channels(0), 1]);
+    list
+}
+
+/// Channels.
+pub type Planes = Vec<Array2<f64>>;
+
+fn convolve(weights: &[f64], [outputs, inputs, side]: [usize; 3], from: &Planes) -> Planes {
+    let (rows, columns) = from[0].dim();
+    let biases = &weights[outputs * inputs * side * side..];
+    let reach = side as i64 / 2;
+    let pixel = |o: usize, r: usize, c: usize| {
+        let mut sum = biases[o];
+        for i in 0..inputs {
+            for y in 0..side {
+                for x in 0..side {
+                    let [r, c] = [r as i64 + y as i64 - reach, c as i64 + x as i64 - reach];
+                    if (0..rows as i64).contains(&r) && (0..columns as i64).contains(&c) {
+                        let w = weights[((o * inputs + i) * side + y) * side + x];
+                        sum += w * from[i][[r as usize, c as usize]];
+                    }
+                }
+            }
+        }
+        sum
+    };
+    (0..outputs).map(|o| Array2::from_shape_fn((rows, columns), |(r, c)| pixel(o, r, c))).collect()
+}
+
+/// The net on normalised frames (oldest first) and mask, all of padded size.
+pub fn direct(weights: &Weights, inputs: Planes) -> Array2<f64> {
+    let parameters: Vec<f64> = weights.parameters.iter().map(|w| f64::from(*w)).collect();
+    direct_f64(weights.shape, &parameters, inputs)
+}
+
+/// The same with weights of full precision.
+pub fn direct_f64(shape: UnetShape, parameters: &[f64], inputs: Planes) -> Array2<f64> {
+    let mut rest = parameters.to_vec();
+    let mut list = convolutions(shape).into_iter();
+    let mut apply = |from: &Planes, positive: bool| {
+        let c = list.next().unwrap();
+        let count = c[0] * c[1] * c[2] * c[2] + c[0];
+        let own: Vec<f64> = rest.drain(..count).collect();
+        let mut made = convolve(&own, c, from);
+        if positive {
+            made.iter_mut().for_each(|p| p.mapv_inplace(|v| v.max(0.0)));
+        }
+        made
+    };
+    let mut now = inputs;
+    let mut skips = Vec::new();
+    for level in 0..=shape.depth {
+        now = apply(&now, true);
+        now = apply(&now, true);
+        if level < shape.depth {
+            skips.push(now.clone());
+            now = now
+                .iter()
+                .map(|p| {
+                    Array2::from_shape_fn((p.nrows() / 2, p.ncols() / 2), |(r, c)| {
+                        let four = [[0, 0], [0, 1], [1, 0], [1, 1]];
+                        four.map(|[y, x]| p[[2 * r + y, 2 * c + x]])
+                            .into_iter()
+                            .fold(f64::MIN, f64::max)
+                    })
+                })
+                .collect();
+        }
+    }
+    while let Some(mut joined) = skips.pop() {
+        let double = |p: &Array2<f64>| {
+            Array2::from_shape_fn((2 * p.nrows(), 2 * p.ncols()), |(r, c)| p[[r / 2, c / 2]])
+        };
+        joined.extend(now.iter().map(double));
+        now = apply(&joined, true);
+        now = apply(&now, true);
+    }
+    apply(&now, false).remove(0)
+}

@@ -1,0 +1,213 @@
+//! The net against its definition, and everything that happens to a running denoiser.
+#![cfg(feature = "unet")]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
+
+mod common;
+
+use common::{convolutions, direct, disc, touched, weights};
+use eit_denoise::{DenoiseError, Denoiser, ImageStack, UnetShape, Weights};
+use ndarray::{Array2, Array3, Axis};
+use std::hint::black_box;
+
+const SHAPES: [UnetShape; 4] = [
+    UnetShape { history: 1, width: 6, depth: 3 },
+    UnetShape { history: 3, width: 4, depth: 1 },
+    UnetShape { history: 2, width: 1, depth: 2 },
+    UnetShape { history: 1, width: 5, depth: 4 },
+];
+
+fn same_bits(a: &ImageStack, b: &ImageStack) -> bool {
+    a.values().iter().zip(b.values()).all(|(a, b)| a.to_bits() == b.to_bits())
+}
+
+/// What the definition makes of the last of some frames.
+fn by_definition(weights: &Weights, frames: &Array3<f64>, mask: &Array2<bool>) -> Array2<f64> {
+    let (count, rows, columns) = frames.dim();
+    let step = 1 << weights.shape.depth;
+    let size = (rows.next_multiple_of(step), columns.next_multiple_of(step));
+    let frame = |back: usize, r: usize, c: usize| match count.checked_sub(1 + back) {
+        Some(f) if r < rows && c < columns && mask[[r, c]] => frames[[f, r, c]],
+        _ => 0.0,
+    };
+    let seen = (0..weights.shape.history).rev();
+    let mut planes: Vec<Array2<f64>> =
+        seen.map(|back| Array2::from_shape_fn(size, |(r, c)| frame(back, r, c))).collect();
+    let scale = planes.iter().flatten().fold(0.0_f64, |m, v| m.max(v.abs()));
+    planes.iter_mut().for_each(|p| p.mapv_inplace(|v| v / scale));
+    planes.push(Array2::from_shape_fn(size, |(r, c)| {
+        f64::from(r < rows && c < columns && mask[[r, c]])
+    }));
+    direct(weights, planes).mapv(|v| v * scale)
+}
+
+/// Rounding of `f32`: sums of at most 700 terms of about unit size in eleven layers, each off by
+/// 1e-7 of its size; 1e-5 leaves a factor of ten.
+#[test]
+fn equals_its_definition() {
+    for (shape, size) in SHAPES.into_iter().zip([(64, 64), (20, 33), (17, 9), (32, 48)]) {
+        let mask = disc(size.0, size.1);
+        let weights = weights(shape, [size.0, size.1]);
+        assert_eq!(weights.parameters.len(), shape.parameters(), "{shape:?}");
+        let frames = touched(4, &mask);
+        let stack = ImageStack::new(frames.clone(), mask.clone()).unwrap();
+        let made = Denoiser::new(&weights, mask.view()).unwrap().denoise(&stack).unwrap();
+        for last in 0..4 {
+            let seen = frames.select(Axis(0), &(0..=last).collect::<Vec<_>>());
+            let wanted = by_definition(&weights, &seen, &mask);
+            let size = wanted.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            assert!(size > 0.0, "{shape:?}");
+            for ((place, value), inside) in made.frame(last).unwrap().indexed_iter().zip(&mask) {
+                assert_eq!(value.is_nan(), !inside);
+                let off = if *inside { (value - wanted[place]).abs() / size } else { 0.0 };
+                assert!(off < 1e-5, "{shape:?} frame {last} {place:?}: {value} {}", wanted[place]);
+            }
+        }
+    }
+}
+
+#[test]
+fn frame_by_frame_and_whole_give_the_same_bits() {
+    let shape = UnetShape { history: 3, width: 4, depth: 2 };
+    let mask = disc(32, 32);
+    let stack = ImageStack::new(touched(7, &mask), mask.clone()).unwrap();
+    let mut net = Denoiser::new(&weights(shape, [32, 32]), mask.view()).unwrap();
+    let whole = net.denoise(&stack).unwrap();
+    let again = net.denoise(&stack).unwrap();
+    assert!(same_bits(&whole, &again), "a sequence leaves nothing behind");
+    net.reset();
+    let mut single = stack.values().to_owned();
+    for (image, out) in stack.iter().zip(single.axis_iter_mut(Axis(0))) {
+        net.push_into(image, out).unwrap();
+    }
+    assert!(same_bits(&whole, &ImageStack::new(single, mask).unwrap()));
+}
+
+/// Powers of two change no rounding.
+#[test]
+fn scale_passes_through_and_zero_stays_zero() {
+    let mask = disc(24, 24);
+    let frames = touched(3, &mask);
+    let mut net = Denoiser::new(&weights(UnetShape::default(), [24, 24]), mask.view()).unwrap();
+    let plain = net.denoise(&ImageStack::new(frames.clone(), mask.clone()).unwrap()).unwrap();
+    let large = net.denoise(&ImageStack::new(frames * 1024.0, mask.clone()).unwrap()).unwrap();
+    let scaled = ImageStack::new(plain.values().to_owned() * 1024.0, mask.clone()).unwrap();
+    assert!(same_bits(&large, &scaled));
+    let zero = ImageStack::new(Array3::zeros((2, 24, 24)), mask).unwrap();
+    assert_eq!(net.denoise(&zero).unwrap().max_abs(), 0.0);
+}
+
+#[test]
+fn allocates_nothing_after_set_up() {
+    let mask = disc(64, 64);
+    let frames = touched(8, &mask);
+    let shape = UnetShape { history: 2, ..Default::default() };
+    let mut net = Denoiser::new(&weights(shape, [64, 64]), mask.view()).unwrap();
+    let mut out = Array2::zeros((64, 64));
+    let counted = allocation_counter::measure(|| {
+        for image in frames.outer_iter() {
+            net.push_into(image, out.view_mut()).unwrap();
+        }
+    });
+    assert_eq!(counted.count_total, 0);
+    // the counter counts
+    assert!(allocation_counter::measure(|| drop(black_box(vec![0_u8; 100]))).count_total > 0);
+}
+
+#[test]
+fn bad_images_are_refused_and_leave_the_sequence_as_it_was() {
+    let mask = disc(16, 16);
+    let frames = touched(3, &mask);
+    let shape = UnetShape { history: 2, width: 2, depth: 2 };
+    let mut net = Denoiser::new(&weights(shape, [16, 16]), mask.view()).unwrap();
+    let frame = |f: usize| frames.index_axis(Axis(0), f);
+    let mut out = Array2::zeros((16, 16));
+    net.push_into(frame(0), out.view_mut()).unwrap();
+    let mut undisturbed = net.clone();
+    let mut wanted = out.clone();
+    undisturbed.push_into(frame(1), wanted.view_mut()).unwrap();
+
+    let says = |result: Result<(), DenoiseError>, text: &str| {
+        let message = result.unwrap_err().to_string();
+        assert!(message.contains(text), "{message}");
+    };
+    let small = Array2::zeros((16, 12));
+    says(net.push_into(small.view(), out.view_mut()), "16 rows and 12 columns");
+    let mut bad = frame(1).to_owned();
+    bad[[8, 9]] = f64::INFINITY;
+    says(net.push_into(bad.view(), out.view_mut()), "frame 1 holds inf at row 8, column 9");
+    let flat = Array2::from_elem((16, 16), 2.5);
+    says(net.push_into(flat.view(), out.view_mut()), "frame 1: the image is 2.5 all over the skin");
+    let other = ImageStack::new(Array3::zeros((1, 16, 16)), Array2::from_elem((16, 16), true));
+    says(net.denoise(&other.unwrap()).map(drop), "of another skin");
+
+    net.push_into(frame(1), out.view_mut()).unwrap();
+    let bits = |a: &Array2<f64>| a.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    assert_eq!(bits(&out), bits(&wanted));
+}
+
+#[test]
+fn weights_come_back_from_their_file_bit_by_bit() {
+    for shape in SHAPES {
+        let mut weights = weights(shape, [64, 48]);
+        weights.about.insert("seed".to_owned(), "7".to_owned());
+        let bytes = weights.to_bytes().unwrap();
+        assert_eq!(Weights::from_bytes(&bytes).unwrap(), weights);
+        // the same bytes again: nothing depends on the order of a hash map
+        assert_eq!(weights.to_bytes().unwrap().len(), bytes.len());
+    }
+}
+
+#[test]
+fn bad_weights_are_refused() {
+    let shape = UnetShape { history: 1, width: 2, depth: 1 };
+    let good = weights(shape, [16, 16]);
+    let bytes = good.to_bytes().unwrap();
+    // a cut at any place, and foreign files
+    for end in 0..bytes.len() {
+        let error = Weights::from_bytes(&bytes[..end]).unwrap_err();
+        assert!(matches!(error, DenoiseError::Format { .. }), "{end}: {error}");
+    }
+    for foreign in [&b"PK\x03\x04 not weights at all"[..], &[0; 64], &[255; 64]] {
+        assert!(matches!(Weights::from_bytes(foreign), Err(DenoiseError::Format { .. })));
+    }
+    let says = |weights: Weights, text: &str| {
+        let message = weights.to_bytes().unwrap_err().to_string();
+        assert!(message.contains(text), "{message}");
+    };
+    let mut bad = good.clone();
+    bad.parameters[4] = f32::NAN;
+    says(bad, "weight 4 is NaN");
+    let mut bad = good.clone();
+    bad.parameters.pop();
+    let count = good.parameters.len();
+    says(bad, &format!("{} weights where {count} are wanted", count - 1));
+    let mut bad = good.clone();
+    bad.shape.depth = 9;
+    says(bad, "depth is 9: it must be 1 to 6");
+    let mut bad = good.clone();
+    bad.about.insert("width".to_owned(), "3".to_owned());
+    says(bad, "\"width\" belongs to the format");
+
+    assert!(good.check_skin("test", [16, 16]).is_ok());
+    let error = good.check_skin("arm", [16, 16]).unwrap_err().to_string();
+    assert!(
+        error.contains("for skin test at 16 x 16 pixels, these images are of skin arm"),
+        "{error}"
+    );
+    assert!(good.check_skin("test", [32, 16]).is_err());
+    assert!(Denoiser::new(&good, Array2::from_elem((8, 8), false).view()).is_err());
+}
+
+/// The sizes of the definition and of the crate.
+#[test]
+fn shapes_count_alike() {
+    for shape in SHAPES {
+        let count: usize =
+            convolutions(shape).iter().map(|c| c[0] * c[1] * c[2] * c[2] + c[0]).sum();
+        assert_eq!(shape.parameters(), count);
+    }
+    // Ronneberger's net with equal padding, two inputs and one output: 31 million with the
+    // convolutions that double the image, which repetition does without
+    let paper = UnetShape { history: 1, width: 64, depth: 4 };
+    assert!((2.5e7..4e7).contains(&(paper.parameters() as f64)), "{}", paper.parameters());
+}
