@@ -211,3 +211,11 @@ fn shapes_count_alike() {
     let paper = UnetShape { history: 1, width: 64, depth: 4 };
     assert!((2.5e7..4e7).contains(&(paper.parameters() as f64)), "{}", paper.parameters());
 }
+
+#[test]
+fn the_shipped_weights_are_whole_and_small() {
+    let weights = Weights::paper_disc().unwrap();
+    assert_eq!(weights.pixels, [64, 64]);
+    assert!(4 * weights.parameters.len() < 2_000_000, "{}", weights.parameters.len());
+    assert!(weights.about["recipe"].starts_with("st-tv"), "{:?}", weights.about);
+}

@@ -21,7 +21,7 @@ pub struct UnetShape {
 }
 
 impl Default for UnetShape {
-    /// One frame, 6 channels, 3 halvings: 62 thousand weights, under a millisecond or two a frame.
+    /// One frame, 6 channels, 3 halvings: 69 thousand weights, 24 million multiplications at 64 x 64.
     fn default() -> Self {
         Self { history: 1, width: 6, depth: 3 }
     }
