@@ -139,8 +139,8 @@ fn every_entry_is_read_back_to_the_bit() {
 fn a_cut_recording_keeps_every_whole_chunk() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
-    let wanted = entries(120);
-    let per_chunk = 5;
+    let wanted = entries(40);
+    let per_chunk = 3;
     let bytes = recorded(&path, &wanted, per_chunk, true);
     let ends = chunk_ends(&bytes);
     assert_eq!(ends.len(), 1 + (wanted.len() - 1).div_ceil(per_chunk));
@@ -170,8 +170,8 @@ fn a_cut_recording_keeps_every_whole_chunk() {
 fn a_damaged_chunk_is_left_out_and_told() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
-    let wanted = entries(60);
-    let bytes = recorded(&path, &wanted, 5, true);
+    let wanted = entries(25);
+    let bytes = recorded(&path, &wanted, 3, true);
     let ends = chunk_ends(&bytes);
     let mut told = 0;
     for step in 0..400_usize {

@@ -9,7 +9,7 @@ pub struct Limits {
     /// Magnitude of the largest value: those within 0.1 % of it are flagged saturated, those
     /// beyond it by more than 0.1 % over range.
     pub full_scale: Option<f64>,
-    /// Magnitudes up to here, in every drive, are those of an input with nothing connected.
+    /// Magnitudes up to here are those of an input with nothing connected.
     pub open_up_to: Option<f64>,
     /// After so many frames in which a value does not change while half of the others do, it is
     /// flagged stuck. `None`: never.
@@ -54,15 +54,15 @@ impl Marker {
                 if !quality.contains(Quality::MISSING) {
                     *quality |= Quality::NON_FINITE;
                 }
-            } else if let Some(full_scale) = self.limits.full_scale {
-                if size > 1.001 * full_scale {
+            } else {
+                if self.limits.full_scale.is_some_and(|limit| size > 1.001 * limit) {
                     *quality |= Quality::OVER_RANGE;
-                } else if size >= 0.999 * full_scale {
+                } else if self.limits.full_scale.is_some_and(|limit| size >= 0.999 * limit) {
                     *quality |= Quality::SATURATED;
                 }
-            }
-            if self.limits.open_up_to.is_some_and(|limit| size <= limit) {
-                *quality |= Quality::OPEN;
+                if self.limits.open_up_to.is_some_and(|limit| size <= limit) {
+                    *quality |= Quality::OPEN;
+                }
             }
             if parts != self.last[index] {
                 changed += 1;
