@@ -82,7 +82,7 @@ pub(crate) enum Command {
     Train(TrainArgs),
     /// Remove artefacts from images with a trained U-net.
     ///
-    /// `eit reconstruct` does it by itself where the scene has [denoise] weights = "W".
+    /// `eit reconstruct` does it by itself where the scene has denoise.weights = "W".
     ///
     /// Writes images.npy [frame, row, column], sheet.png, movie.gif for a sequence, report.json.
     Denoise(DenoiseArgs),

@@ -195,7 +195,7 @@ fn quantile(values: &[f64], part: f64) -> f64 {
 /// Every k-th press, so that the fitted ones are spread over the session; and the others.
 fn split<T: Copy>(all: &[T]) -> [Vec<T>; 2] {
     let step = all.len() / FITTED;
-    let is_fitted = |k: usize| k % step == 0 && k / step < FITTED;
+    let is_fitted = |k: usize| k.is_multiple_of(step) && k / step < FITTED;
     [true, false]
         .map(|wanted| (0..all.len()).filter(|&k| is_fitted(k) == wanted).map(|k| all[k]).collect())
 }

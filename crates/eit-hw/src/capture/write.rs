@@ -96,7 +96,7 @@ impl CaptureWriter {
     }
 
     fn on(file: io::Result<File>, path: &Path, settings: CaptureSettings) -> Result<Self, HwError> {
-        if !(settings.flush_s > 0.0) {
+        if settings.flush_s.is_nan() || settings.flush_s <= 0.0 {
             let value = settings.flush_s.to_string();
             return Err(HwError::Setting { name: "flush_s", value, wanted: "more than 0" });
         }

@@ -47,8 +47,8 @@ pub(super) fn table(
     grid: &Grid,
     bar: &indicatif::ProgressBar,
 ) -> Result<Table, CliError> {
-    let mut settings = FabricSettings::default();
-    settings.instrument = FabricSettings::ideal().instrument;
+    let settings =
+        FabricSettings { instrument: FabricSettings::ideal().instrument, ..Default::default() };
     let mut recordings = Vec::new();
     for fingers in 1..=MOST {
         let script = script(lab, fingers, grid.track_frames);
