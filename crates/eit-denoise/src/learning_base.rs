@@ -1,21 +1,21 @@
 //! Pairs of raw and wanted images on disk: what a net learns from.
 //!
-//! A folder with one file per sequence (a shard, safetensors: `raw`, `wanted` [frame, row, column],
-//! `mask` [row, column]) and `manifest.json`, which lists whole shards with their checksums. Shards
+//! A folder with one file per sequence ([`Shard`], safetensors) and `manifest.json`, which lists whole shards with their checksums. Shards
 //! and manifest are written beside their place and renamed, the shard first: whenever the work is
 //! killed, what the manifest lists is whole, and the rest is made again.
 
-use crate::unet::{bytes_of, floats_of, format_error};
-use crate::{DenoiseError, ImageStack};
-use ndarray::{Array2, Array3};
-use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+mod shard;
+
+pub use shard::{Shard, ShardData};
+
+use crate::DenoiseError;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Format that is written; others are refused.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const MANIFEST: &str = "manifest.json";
 
 /// What a learning base is made of. Two bases of equal settings hold equal bytes.
@@ -49,95 +49,6 @@ struct Listed {
     frames: usize,
     bytes: u64,
     crc32: u32,
-}
-
-/// One sequence of pairs, frames in order.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Shard {
-    /// Reconstructed images [frame, row, column], zero outside the mask.
-    pub raw: Array3<f32>,
-    /// Images that the net should make of them.
-    pub wanted: Array3<f32>,
-    /// Pixels on the skin [row, column].
-    pub mask: Array2<bool>,
-}
-
-impl Shard {
-    /// Of two stacks of the same skin and length; values in their unit, rounded to `f32`.
-    ///
-    /// # Errors
-    /// [`DenoiseError::MaskMismatch`], [`DenoiseError::WrongLength`];
-    /// [`DenoiseError::NothingToLearn`] where every raw image is zero.
-    pub fn new(raw: &ImageStack, wanted: &ImageStack) -> Result<Self, DenoiseError> {
-        if raw.mask() != wanted.mask() {
-            let pixels = raw.mask().len();
-            let differing = match raw.mask().dim() == wanted.mask().dim() {
-                true => raw.mask().iter().zip(wanted.mask()).filter(|(a, b)| a != b).count(),
-                false => pixels,
-            };
-            return Err(DenoiseError::MaskMismatch { differing, pixels });
-        }
-        if raw.frames() != wanted.frames() {
-            let (found, wanted) = (wanted.frames(), raw.frames());
-            return Err(DenoiseError::WrongLength { what: "wanted images", found, wanted });
-        }
-        if raw.max_abs() == 0.0 {
-            return Err(DenoiseError::NothingToLearn { what: "the sequence".to_owned() });
-        }
-        let inside =
-            |stack: &ImageStack| stack.values().mapv(|v| if v.is_nan() { 0.0 } else { v as f32 });
-        Ok(Self { raw: inside(raw), wanted: inside(wanted), mask: raw.mask().to_owned() })
-    }
-
-    fn to_bytes(&self) -> Result<Vec<u8>, DenoiseError> {
-        let (frames, rows, columns) = self.raw.dim();
-        let floats = |images: &Array3<f32>| {
-            let values: Vec<f32> = images.iter().copied().collect();
-            bytes_of(&values)
-        };
-        let (raw, wanted) = (floats(&self.raw), floats(&self.wanted));
-        let mask: Vec<u8> = self.mask.iter().map(|inside| u8::from(*inside)).collect();
-        let images = vec![frames, rows, columns];
-        let view = |dtype, shape, bytes| TensorView::new(dtype, shape, bytes).map_err(format_error);
-        let tensors = [
-            ("raw", view(Dtype::F32, images.clone(), &raw)?),
-            ("wanted", view(Dtype::F32, images, &wanted)?),
-            ("mask", view(Dtype::U8, vec![rows, columns], &mask)?),
-        ];
-        safetensors::serialize(tensors, None).map_err(format_error)
-    }
-
-    fn from_bytes(bytes: &[u8]) -> Result<Self, DenoiseError> {
-        let tensors = SafeTensors::deserialize(bytes).map_err(format_error)?;
-        let wrong = |what: &str| DenoiseError::Format { what: what.to_owned() };
-        let images = |name: &str| {
-            let tensor = tensors.tensor(name).map_err(format_error)?;
-            match (tensor.dtype(), tensor.shape()) {
-                (Dtype::F32, &[frames, rows, columns]) => {
-                    let values = floats_of(tensor.data()).collect();
-                    Array3::from_shape_vec((frames, rows, columns), values)
-                        .map_err(|_| wrong("images of another size"))
-                }
-                _ => Err(wrong("images that are not F32 [frame, row, column]")),
-            }
-        };
-        let (raw, wanted) = (images("raw")?, images("wanted")?);
-        let mask = tensors.tensor("mask").map_err(format_error)?;
-        let (_, rows, columns) = raw.dim();
-        if raw.dim() != wanted.dim() || mask.shape() != [rows, columns] {
-            return Err(wrong("raw images, wanted images and mask of different sizes"));
-        }
-        let inside = mask.data().iter().map(|b| *b != 0).collect();
-        let mask = Array2::from_shape_vec((rows, columns), inside)
-            .map_err(|_| wrong("a mask that is not U8"))?;
-        if !raw.iter().chain(&wanted).all(|v| v.is_finite()) {
-            return Err(wrong("pixels that are not finite"));
-        }
-        if raw.iter().all(|v| *v == 0.0) {
-            return Err(DenoiseError::NothingToLearn { what: "the shard".to_owned() });
-        }
-        Ok(Self { raw, wanted, mask })
-    }
 }
 
 /// A folder of shards.

@@ -14,10 +14,12 @@ mod unet;
 pub use error::DenoiseError;
 pub use image_stack::ImageStack;
 #[cfg(feature = "train")]
-pub use learning_base::{BaseSettings, LearningBase, Shard};
+pub use learning_base::{BaseSettings, LearningBase, Shard, ShardData};
 pub use symmetry::{DiscSymmetry, MeasurementOrder};
 pub use threshold::{Threshold, ThresholdRule};
 #[cfg(feature = "train")]
-pub use train::{Epoch, Examples, TrainSettings, TrainStatus, Trainer, error_and_gradient};
+pub use train::{
+    Epoch, Examples, PixelTurn, TrainSettings, TrainStatus, Trainer, error_and_gradient,
+};
 #[cfg(feature = "unet")]
 pub use unet::{Denoiser, UnetShape, Weights};

@@ -7,12 +7,15 @@
 mod adam;
 mod checkpoint;
 mod examples;
+mod turn;
 
 pub use examples::Examples;
+pub use turn::PixelTurn;
 
 use crate::unet::{PackedNet, Tape};
 use crate::{DenoiseError, UnetShape, Weights};
 use adam::Adam;
+use examples::Turned;
 use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
 use rand_pcg::Pcg64;
 use std::collections::BTreeMap;
@@ -69,7 +72,8 @@ impl TrainSettings {
     }
 }
 
-/// One line of the learning curve. Errors are mean squares of normalised pixels.
+/// One line of the learning curve. Errors are weighted mean squares: parts of the raw images' own,
+/// as [`Examples::new`] tells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Epoch {
     /// From 0.
@@ -175,7 +179,7 @@ impl Trainer {
         let epoch = self.curve.len();
         let part = epoch as f64 / epochs.saturating_sub(1).max(1) as f64;
         let rate = rate * (0.01 + 0.99 * 0.5 * (1.0 + (std::f64::consts::PI * part).cos()));
-        let order = shuffled(train.len(), seed, epoch);
+        let order = shuffled((train.len(), train.turns()), seed, epoch);
         let mut tapes = vec![Tape::new(shape, train.size()); threads];
         let (mut parameters, mut adam) = (self.parameters.clone(), self.adam.clone());
         let (mut sum, steps) = (0.0, order.len().div_ceil(batch));
@@ -257,13 +261,16 @@ fn first_parameters(settings: &TrainSettings) -> Vec<f32> {
     parameters
 }
 
-/// The order of an epoch (Fisher and Yates).
-fn shuffled(count: usize, seed: u64, epoch: usize) -> Vec<usize> {
+/// The order of an epoch (Fisher and Yates), and the turn of each example.
+fn shuffled((count, turns): (usize, usize), seed: u64, epoch: usize) -> Vec<(usize, usize)> {
     let mut random = Pcg64::new(u128::from(seed), 1 + epoch as u128);
-    let mut order: Vec<usize> = (0..count).collect();
-    for last in (1..count).rev() {
+    let mut below = |count: usize| {
         let unit: f64 = StandardUniform.sample(&mut random);
-        order.swap(last, ((last + 1) as f64 * unit) as usize);
+        (count as f64 * unit) as usize
+    };
+    let mut order: Vec<(usize, usize)> = (0..count).map(|k| (k, below(turns))).collect();
+    for last in (1..count).rev() {
+        order.swap(last, below(last + 1));
     }
     order
 }
@@ -272,7 +279,7 @@ fn shuffled(count: usize, seed: u64, epoch: usize) -> Vec<usize> {
 fn of_batch(
     net: &PackedNet,
     examples: &Examples,
-    batch: &[usize],
+    batch: &[(usize, usize)],
     tapes: &mut [Tape],
     gradients: &mut [Vec<f32>],
 ) -> Vec<f64> {
@@ -283,9 +290,11 @@ fn of_batch(
     std::thread::scope(|scope| {
         for (((batch, errors), gradients), tape) in parts.zip(tapes) {
             scope.spawn(move || {
-                for ((&k, error), gradient) in batch.iter().zip(errors).zip(gradients) {
+                let mut turned = Turned::default();
+                for ((&(k, turn), error), gradient) in batch.iter().zip(errors).zip(gradients) {
                     gradient.fill(0.0);
-                    *error = tape.run(net, &examples.get(k), Some((weight, gradient)));
+                    let example = examples.get_turned(k, turn, &mut turned);
+                    *error = tape.run(net, &example, Some((weight, gradient)));
                 }
             });
         }
@@ -309,7 +318,7 @@ fn error(net: &PackedNet, examples: &Examples, tapes: &mut [Tape]) -> f64 {
     errors.iter().sum::<f64>() / examples.len() as f64
 }
 
-/// Mean squared error of parameters over examples, and its derivative: for tests of the derivative.
+/// Mean weighted squared error of parameters over examples, and its derivative: for tests of the derivative.
 ///
 /// # Errors
 /// [`DenoiseError::WrongLength`].

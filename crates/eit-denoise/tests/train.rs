@@ -6,8 +6,8 @@ mod common;
 
 use common::{convolutions, direct, disc, touched, uniform, weights};
 use eit_denoise::{
-    BaseSettings, DenoiseError, Denoiser, Examples, ImageStack, LearningBase, Shard, TrainSettings,
-    TrainStatus, Trainer, UnetShape, error_and_gradient,
+    BaseSettings, DenoiseError, Denoiser, Examples, ImageStack, LearningBase, PixelTurn, Shard,
+    TrainSettings, TrainStatus, Trainer, UnetShape, error_and_gradient,
 };
 use ndarray::{Array2, Array3, Axis};
 use std::collections::BTreeMap;
@@ -42,6 +42,18 @@ fn error_by_definition(
     sum / inside().count() as f64
 }
 
+/// What errors count: one over the raw image's error plus a tenth of the mean of those.
+fn factors(pairs: &[(Array3<f64>, Array2<f64>)], mask: &Array2<bool>) -> Vec<f64> {
+    let of_raw = |(frames, wanted): &(Array3<f64>, Array2<f64>)| {
+        let raw = frames.index_axis(Axis(0), frames.len_of(Axis(0)) - 1);
+        let inside = || raw.iter().zip(wanted).zip(mask).filter(|(_, m)| **m);
+        inside().map(|((v, w), _)| (v - w).powi(2)).sum::<f64>() / inside().count() as f64
+    };
+    let errors: Vec<f64> = pairs.iter().map(of_raw).collect();
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    errors.iter().map(|e| 1.0 / (e + 0.1 * mean)).collect()
+}
+
 /// Central differences of the definition in `f64` along random directions within each layer, step
 /// 1e-6: they are right to 1e-8; the derivative in `f32` to 1e-4, the rounding of some thousand sums.
 #[test]
@@ -69,11 +81,12 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
                 (seen / scale, wanted.mapv(|v| f64::from(v) / scale))
             })
             .collect();
+        let factors = factors(&pairs, &shard.mask);
         let error_of = |parameters: &[f64]| {
-            let one = |(frames, wanted): &(Array3<f64>, Array2<f64>)| {
-                error_by_definition(shape, parameters, (frames, wanted), &shard.mask)
+            let one = |((frames, wanted), factor): (&(Array3<f64>, Array2<f64>), &f64)| {
+                factor * error_by_definition(shape, parameters, (frames, wanted), &shard.mask)
             };
-            pairs.iter().map(one).sum::<f64>() / 3.0
+            pairs.iter().zip(&factors).map(one).sum::<f64>() / 3.0
         };
         let exact: Vec<f64> = parameters.iter().map(|p| f64::from(*p)).collect();
         assert!((error - error_of(&exact)).abs() < 1e-5 * error, "{shape:?}");
@@ -133,7 +146,7 @@ fn training_lowers_the_error_of_the_net_that_runs() {
         |images: &Array3<f32>| ImageStack::new(images.mapv(f64::from), shard.mask.clone()).unwrap();
     let raw = outside_nan(&shard.raw);
     let made = Denoiser::new(&weights, shard.mask.view()).unwrap().denoise(&raw).unwrap();
-    let (mut of_net, mut of_raw) = (0.0, 0.0);
+    let mut errors = Vec::new();
     for f in 0..12 {
         let seen = shard.raw.slice_axis(Axis(0), (f.max(1) - 1..f + 1).into());
         let scale = f64::from(seen.iter().fold(0.0_f32, |m, v| m.max(v.abs())));
@@ -146,8 +159,11 @@ fn training_lowers_the_error_of_the_net_that_runs() {
             raw_sum += ((raw.values()[at] - wanted) / scale).powi(2);
             inside += 1.0;
         }
-        (of_net, of_raw) = (of_net + net_sum / inside / 12.0, of_raw + raw_sum / inside / 12.0);
+        errors.push([net_sum / inside, raw_sum / inside]);
     }
+    let mean_raw = errors.iter().map(|e| e[1]).sum::<f64>() / 12.0;
+    let part = |k: usize| errors.iter().map(|e| e[k] / (e[1] + 0.1 * mean_raw)).sum::<f64>() / 12.0;
+    let (of_net, of_raw) = (part(0), part(1));
     let best = trainer.best().unwrap().held_out_error;
     assert!((of_net - best).abs() < 1e-4 * best, "{of_net} {best}");
     // raw images are half as large as wanted, and noisy: a net that may learn these frames
@@ -155,12 +171,40 @@ fn training_lowers_the_error_of_the_net_that_runs() {
     assert!(of_net < 0.1 * of_raw, "{of_net} {of_raw}");
 }
 
+/// Learning from turned examples is learning from other ones: the curve differs, and a net that saw
+/// only one side of the skin is better on the other: measured 0.003 against 0.2 of the raw images' error.
+#[test]
+fn turned_examples_teach_the_other_sides_of_the_skin() {
+    let shape = UnetShape { history: 1, width: 6, depth: 2 };
+    let settings = TrainSettings { shape, epochs: 150, rate: 5e-3, ..settings() };
+    let half = PixelTurn::of_matrix([[-1.0, 0.0], [0.0, -1.0]]).unwrap();
+    let seen = shard(12, 16);
+    let mut other = seen.clone();
+    for images in [&mut other.raw, &mut other.wanted] {
+        images.invert_axis(Axis(1));
+        images.invert_axis(Axis(2));
+    }
+    let unseen = Examples::new(&[other], 1).unwrap();
+    let error = |turns: &[PixelTurn]| {
+        let train = Examples::new(std::slice::from_ref(&seen), 1).unwrap().turned(turns).unwrap();
+        let mut trainer = Trainer::new(&settings, "base").unwrap();
+        while trainer.status() == TrainStatus::Running {
+            trainer.epoch(&train, &unseen, 2, &mut go_on).unwrap();
+        }
+        trainer.curve().last().unwrap().held_out_error
+    };
+    let (plain, turned) = (error(&[]), error(&[PixelTurn::default(), half]));
+    assert!(turned < 0.2 * plain, "{turned} {plain}");
+}
+
 #[test]
 fn a_resumed_training_ends_with_the_bits_of_an_uninterrupted_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("checkpoint.safetensors");
     let (train, held_out) = (shard(10, 16), shard(3, 16));
-    let train = Examples::new(&[train], 2).unwrap();
+    let quarter = PixelTurn::of_matrix([[0.0, -1.0], [1.0, 0.0]]).unwrap();
+    let turns = [PixelTurn::default(), quarter];
+    let train = Examples::new(&[train], 2).unwrap().turned(&turns).unwrap();
     let held_out = Examples::new(&[held_out], 2).unwrap();
     let settings = settings();
     let finish = |mut trainer: Trainer, threads: usize| {

@@ -1,11 +1,16 @@
 //! Pairs in memory, normalised as the running net normalises.
 
+use super::turn::PixelTurn;
 use crate::DenoiseError;
 use crate::learning_base::Shard;
 use crate::unet::Example;
 use ndarray::{Array2, Axis};
 
-/// Normalised pairs of one skin.
+/// Part of the mean error of the raw images that is added to each one's own before dividing by it,
+/// so that frames which are nearly right already do not rule the sum.
+const FLOOR: f64 = 0.1;
+
+/// Normalised pairs of one skin, each weighted by how wrong its raw image is.
 #[derive(Debug, Clone)]
 pub struct Examples {
     history: usize,
@@ -14,12 +19,27 @@ pub struct Examples {
     frames: Vec<f32>,
     /// `[example][pixel]`
     wanted: Vec<f32>,
+    /// What the squared error of each example is multiplied by.
+    weights: Vec<f32>,
+    /// Ways to turn and mirror an example; never empty, the first leaves it.
+    turns: Vec<PixelTurn>,
+}
+
+/// Memory for an example that was turned.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Turned {
+    frames: Vec<f32>,
+    wanted: Vec<f32>,
 }
 
 impl Examples {
     /// Of shards of one skin, for a net that sees `history` frames. Every frame becomes an example,
     /// with the frames before it in its shard (zero before the first), all divided by the largest
     /// raw value among them. Frames of which the net sees nothing but zero are passed over.
+    ///
+    /// The mean squared error `e` of an example counts as `e / (r + 0.1 R)` with `r` that of its raw
+    /// image and `R` the mean of all `r`: what is learnt is the part of the raw image's error that is
+    /// left, a faint touch counting as much as a strong one.
     ///
     /// # Errors
     /// [`DenoiseError::NothingToLearn`] without a frame, [`DenoiseError::MaskMismatch`] between
@@ -31,11 +51,55 @@ impl Examples {
             let (quantity, must) = ("history", "at least 1");
             return Err(DenoiseError::OutOfRange { quantity, value: 0.0, must });
         }
-        let mut made = Self { history, mask, frames: Vec::new(), wanted: Vec::new() };
+        let turns = vec![PixelTurn::default()];
+        let (frames, wanted, weights) = (Vec::new(), Vec::new(), Vec::new());
+        let mut made = Self { history, mask, frames, wanted, weights, turns };
         for shard in shards {
             made.take(shard)?;
         }
-        if made.is_empty() { Err(nothing()) } else { Ok(made) }
+        if made.is_empty() {
+            return Err(nothing());
+        }
+        made.weigh();
+        Ok(made)
+    }
+
+    /// The same pairs, of which each epoch sees every one turned or mirrored in one of these ways,
+    /// drawn anew. The skin with its electrodes and the measurements must have these symmetries;
+    /// that the mask has them is checked.
+    ///
+    /// # Errors
+    /// [`DenoiseError::MaskMismatch`] where a turn takes the mask to another.
+    pub fn turned(mut self, turns: &[PixelTurn]) -> Result<Self, DenoiseError> {
+        for turn in turns {
+            let differing = turn.differing(self.mask.view());
+            if differing > 0 {
+                return Err(DenoiseError::MaskMismatch { differing, pixels: self.mask.len() });
+            }
+        }
+        if !turns.is_empty() {
+            self.turns = turns.to_vec();
+        }
+        Ok(self)
+    }
+
+    /// Weights by the errors of the raw images.
+    fn weigh(&mut self) {
+        let pixels = self.mask.len();
+        let inside = self.mask.iter().filter(|inside| **inside).count().max(1) as f64;
+        let latest = (self.history - 1) * pixels;
+        let pairs = self.frames.chunks_exact(self.history * pixels);
+        let errors: Vec<f64> = pairs
+            .zip(self.wanted.chunks_exact(pixels))
+            .map(|(frames, wanted)| {
+                let off = frames[latest..].iter().zip(wanted).map(|(r, w)| f64::from(r - w));
+                off.map(|d| d * d).sum::<f64>() / inside
+            })
+            .collect();
+        let floor = FLOOR * errors.iter().sum::<f64>() / errors.len() as f64;
+        // raw images that are all right leave nothing to weigh by
+        let weight = |error: &f64| 1.0 / (error + floor).max(f64::from(f32::MIN_POSITIVE));
+        self.weights = errors.iter().map(|error| weight(error) as f32).collect();
     }
 
     fn take(&mut self, shard: &Shard) -> Result<(), DenoiseError> {
@@ -79,6 +143,11 @@ impl Examples {
         [self.mask.nrows(), self.mask.ncols()]
     }
 
+    /// Number of ways to turn an example.
+    pub(crate) fn turns(&self) -> usize {
+        self.turns.len()
+    }
+
     pub(crate) fn get(&self, k: usize) -> Example<'_> {
         let pixels = self.mask.len();
         Example {
@@ -86,6 +155,27 @@ impl Examples {
             wanted: &self.wanted[k * pixels..][..pixels],
             mask: self.mask.as_slice().unwrap_or_default(),
             size: self.size(),
+            weight: self.weights[k],
         }
+    }
+
+    /// An example turned in one of the ways.
+    pub(crate) fn get_turned<'a>(
+        &'a self,
+        k: usize,
+        turn: usize,
+        memory: &'a mut Turned,
+    ) -> Example<'a> {
+        let (plain, turn) = (self.get(k), self.turns[turn]);
+        if turn == PixelTurn::default() {
+            return plain;
+        }
+        memory.frames.clear();
+        memory.wanted.clear();
+        for frame in plain.frames.chunks_exact(self.mask.len()) {
+            turn.append(frame, self.size(), &mut memory.frames);
+        }
+        turn.append(plain.wanted, self.size(), &mut memory.wanted);
+        Example { frames: &memory.frames, wanted: &memory.wanted, ..plain }
     }
 }

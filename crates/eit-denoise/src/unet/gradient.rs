@@ -24,6 +24,8 @@ pub(crate) struct Example<'a> {
     pub mask: &'a [bool],
     /// Rows and columns.
     pub size: [usize; 2],
+    /// What the squared error is multiplied by.
+    pub weight: f32,
 }
 
 /// Weights packed for both directions: one for all threads.
@@ -98,7 +100,7 @@ impl Tape {
         Self { layers, d_image: image, arch: Arch::new() }
     }
 
-    /// Mean squared error of an example over its masked pixels; adds its derivative by the
+    /// Weighted mean squared error of an example over its masked pixels; adds its derivative by the
     /// parameters times `weight` to `gradient`, where there is one.
     pub fn run(
         &mut self,
@@ -189,7 +191,8 @@ impl Tape {
         let Some(last) = self.layers.last() else { return 0.0 };
         let len = last.plane.len();
         let count = example.mask.iter().filter(|inside| **inside).count().max(1) as f64;
-        let step = (2.0 * f64::from(weight) / count) as f32;
+        let weight_here = f64::from(example.weight);
+        let step = (2.0 * f64::from(weight) * weight_here / count) as f32;
         let mut error = 0.0;
         self.d_image.fill(0.0);
         for row in 0..rows {
@@ -206,7 +209,7 @@ impl Tape {
                 self.d_image[at] = step * off;
             }
         }
-        error / count
+        weight_here * error / count
     }
 
     /// From the derivative by the image to those by the weights.

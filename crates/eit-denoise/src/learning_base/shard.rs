@@ -1,0 +1,145 @@
+//! One sequence of pairs, in memory and as safetensors.
+
+use crate::unet::{bytes_of, floats_of, format_error};
+use crate::{DenoiseError, ImageStack};
+use ndarray::{Array1, Array2, Array3};
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
+
+/// One sequence of pairs, frames in order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shard {
+    /// Reconstructed images [frame, row, column], zero outside the mask.
+    pub raw: Array3<f32>,
+    /// Images that the net should make of them.
+    pub wanted: Array3<f32>,
+    /// Pixels on the skin [row, column].
+    pub mask: Array2<bool>,
+    /// What the images were made of, where it is known.
+    pub data: Option<ShardData>,
+}
+
+/// The measurements of a sequence.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ShardData {
+    /// Differences from the reference [frame, measurement].
+    pub differences: Array2<f32>,
+    /// Standard deviation of each, in their unit; infinite for a measurement that is not used.
+    pub noise_std: Array1<f32>,
+}
+
+impl Shard {
+    /// Of two stacks of the same skin and length; values in their unit, rounded to `f32`.
+    ///
+    /// # Errors
+    /// [`DenoiseError::MaskMismatch`], [`DenoiseError::WrongLength`];
+    /// [`DenoiseError::NothingToLearn`] where every raw image is zero.
+    pub fn new(raw: &ImageStack, wanted: &ImageStack) -> Result<Self, DenoiseError> {
+        if raw.mask() != wanted.mask() {
+            let pixels = raw.mask().len();
+            let differing = match raw.mask().dim() == wanted.mask().dim() {
+                true => raw.mask().iter().zip(wanted.mask()).filter(|(a, b)| a != b).count(),
+                false => pixels,
+            };
+            return Err(DenoiseError::MaskMismatch { differing, pixels });
+        }
+        if raw.frames() != wanted.frames() {
+            let (found, wanted) = (wanted.frames(), raw.frames());
+            return Err(DenoiseError::WrongLength { what: "wanted images", found, wanted });
+        }
+        if raw.max_abs() == 0.0 {
+            return Err(DenoiseError::NothingToLearn { what: "the sequence".to_owned() });
+        }
+        let inside =
+            |stack: &ImageStack| stack.values().mapv(|v| if v.is_nan() { 0.0 } else { v as f32 });
+        let mask = raw.mask().to_owned();
+        Ok(Self { raw: inside(raw), wanted: inside(wanted), mask, data: None })
+    }
+
+    /// The bytes of its file: `raw`, `wanted` [frame, row, column], `mask` [row, column], and, where
+    /// they are known, `differences` [frame, measurement] and `noise_std` [measurement].
+    pub(super) fn to_bytes(&self) -> Result<Vec<u8>, DenoiseError> {
+        let (frames, rows, columns) = self.raw.dim();
+        let floats = |values: &mut dyn Iterator<Item = f32>| bytes_of(&values.collect::<Vec<_>>());
+        let raw = floats(&mut self.raw.iter().copied());
+        let wanted = floats(&mut self.wanted.iter().copied());
+        let mask: Vec<u8> = self.mask.iter().map(|inside| u8::from(*inside)).collect();
+        let images = vec![frames, rows, columns];
+        let view = |dtype, shape, bytes| TensorView::new(dtype, shape, bytes).map_err(format_error);
+        let mut tensors = vec![
+            ("raw", view(Dtype::F32, images.clone(), &raw)?),
+            ("wanted", view(Dtype::F32, images, &wanted)?),
+            ("mask", view(Dtype::U8, vec![rows, columns], &mask)?),
+        ];
+        let data = self.data.as_ref().map(|data| {
+            let differences = floats(&mut data.differences.iter().copied());
+            (data.differences.shape(), differences, floats(&mut data.noise_std.iter().copied()))
+        });
+        if let Some((shape, differences, noise_std)) = &data {
+            tensors.push(("differences", view(Dtype::F32, shape.to_vec(), differences)?));
+            tensors.push(("noise_std", view(Dtype::F32, vec![shape[1]], noise_std)?));
+        }
+        safetensors::serialize(tensors, None).map_err(format_error)
+    }
+
+    pub(super) fn from_bytes(bytes: &[u8]) -> Result<Self, DenoiseError> {
+        let tensors = SafeTensors::deserialize(bytes).map_err(format_error)?;
+        let wrong = |what: &str| DenoiseError::Format { what: what.to_owned() };
+        let images = |name: &str| {
+            let tensor = tensors.tensor(name).map_err(format_error)?;
+            match (tensor.dtype(), tensor.shape()) {
+                (Dtype::F32, &[frames, rows, columns]) => {
+                    let values = floats_of(tensor.data()).collect();
+                    Array3::from_shape_vec((frames, rows, columns), values)
+                        .map_err(|_| wrong("images of another size"))
+                }
+                _ => Err(wrong("images that are not F32 [frame, row, column]")),
+            }
+        };
+        let (raw, wanted) = (images("raw")?, images("wanted")?);
+        let mask = tensors.tensor("mask").map_err(format_error)?;
+        let (frames, rows, columns) = raw.dim();
+        if raw.dim() != wanted.dim() || mask.shape() != [rows, columns] {
+            return Err(wrong("raw images, wanted images and mask of different sizes"));
+        }
+        let inside = mask.data().iter().map(|b| *b != 0).collect();
+        let mask = Array2::from_shape_vec((rows, columns), inside)
+            .map_err(|_| wrong("a mask that is not U8"))?;
+        if !raw.iter().chain(&wanted).all(|v| v.is_finite()) {
+            return Err(wrong("pixels that are not finite"));
+        }
+        if raw.iter().all(|v| *v == 0.0) {
+            return Err(DenoiseError::NothingToLearn { what: "the shard".to_owned() });
+        }
+        let data = match tensors.names().contains(&"differences") {
+            true => Some(ShardData::from_tensors(&tensors, frames)?),
+            false => None,
+        };
+        Ok(Self { raw, wanted, mask, data })
+    }
+}
+
+impl ShardData {
+    fn from_tensors(tensors: &SafeTensors<'_>, frames: usize) -> Result<Self, DenoiseError> {
+        let wrong = |what: &str| DenoiseError::Format { what: what.to_owned() };
+        let tensor = |name: &str| match tensors.tensor(name) {
+            Ok(tensor) if tensor.dtype() == Dtype::F32 => Ok(tensor),
+            Ok(_) => Err(wrong("measurements that are not F32")),
+            Err(e) => Err(format_error(e)),
+        };
+        let (differences, noise_std) = (tensor("differences")?, tensor("noise_std")?);
+        let [found, measurements] = differences.shape() else {
+            return Err(wrong("differences that are not [frame, measurement]"));
+        };
+        if *found != frames || noise_std.shape() != [*measurements] {
+            return Err(wrong("images, differences and noise of different sizes"));
+        }
+        let values: Vec<f32> = floats_of(differences.data()).collect();
+        let noise_std: Array1<f32> = floats_of(noise_std.data()).collect();
+        if !values.iter().all(|v| v.is_finite()) || !noise_std.iter().all(|v| *v > 0.0) {
+            return Err(wrong("differences that are not finite, or noise that is not positive"));
+        }
+        let differences = Array2::from_shape_vec((frames, *measurements), values)
+            .map_err(|_| wrong("differences of another size"))?;
+        Ok(Self { differences, noise_std })
+    }
+}
