@@ -269,6 +269,9 @@ pub(crate) struct TrainArgs {
     /// Frames of a sequence, 20 quiet ones included.
     #[arg(long, value_name = "N", default_value_t = 140)]
     pub frames: usize,
+    /// Fingers of every sequence, 1 to 4 [default: one to four, two most often].
+    #[arg(long, value_name = "N")]
+    pub fingers: Option<usize>,
     /// Method of the raw images: st-tv, tv or gauss-newton [default: the scene's, or st-tv].
     #[arg(long, value_name = "METHOD")]
     pub method: Option<String>,

@@ -1,5 +1,9 @@
 //! A scene's U-net: which weights, whether they fit, images through them.
 
+mod check;
+
+pub(crate) use check::{Check, Checked};
+
 use crate::error::CliError;
 use crate::pipeline::DEFAULT_PIXELS;
 use crate::progress::Progress;
@@ -56,18 +60,34 @@ impl Net {
         Ok(Self { weights, source: name.to_owned(), skin })
     }
 
-    /// Replaces images [frame, row, column] of a raster.
+    /// Replaces images [frame, row, column] of a raster; with the measurements at hand, those that
+    /// do not explain them keep the raw image.
     pub fn apply(
         &self,
         images: &mut Array3<f64>,
         raster: &Raster,
+        check: Option<&mut Check>,
         progress: &mut Progress,
-    ) -> Result<(), CliError> {
+    ) -> Result<Option<Checked>, CliError> {
         progress.stage("U-net", || {
             let raw = ImageStack::new(images.clone(), raster.mask().clone())?;
             let mut net = Denoiser::new(&self.weights, raster.mask().view())?;
-            *images = net.denoise(&raw)?.into_parts().0;
-            Ok(())
+            let made = net.denoise(&raw)?.into_parts().0;
+            let raw = std::mem::replace(images, made);
+            let (Some(check), Some(limit)) = (check, self.weights.misfit_limit()) else {
+                return Ok(None);
+            };
+            let mut scores = Vec::with_capacity(raw.dim().0);
+            for (frame, (mut made, raw)) in
+                images.outer_iter_mut().zip(raw.outer_iter()).enumerate()
+            {
+                let score = check.misfit(frame, made.view())?.score(limit);
+                if score > 1.0 {
+                    made.assign(&raw);
+                }
+                scores.push(score);
+            }
+            Ok(Some(Checked { limit, scores }))
         })
     }
 

@@ -9,6 +9,8 @@ mod threshold;
 #[cfg(feature = "train")]
 mod train;
 #[cfg(feature = "unet")]
+mod trust;
+#[cfg(feature = "unet")]
 mod unet;
 
 pub use error::DenoiseError;
@@ -21,5 +23,7 @@ pub use threshold::{Threshold, ThresholdRule};
 pub use train::{
     Epoch, Examples, PixelTurn, TrainSettings, TrainStatus, Trainer, error_and_gradient,
 };
+#[cfg(feature = "unet")]
+pub use trust::{Evidence, Misfit};
 #[cfg(feature = "unet")]
 pub use unet::{Denoiser, UnetShape, Weights};

@@ -48,7 +48,7 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Answer, CliError> {
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
     let raster = pipeline::raster(&scene, &setup, &mut progress)?;
     let mut images = raw.clone();
-    let applied = net.apply(&mut images, &raster, &mut progress);
+    let applied = net.apply(&mut images, &raster, None, &mut progress);
     applied.map_err(|e| e.within(&args.images.display().to_string()))?;
     let compared = match &truth {
         None => None,
@@ -75,7 +75,10 @@ pub(crate) fn run(args: &DenoiseArgs) -> Result<Answer, CliError> {
         "files": files,
     });
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
-    let mut lines = vec![format!("{frames} images; {}", net.words())];
+    let mut lines = vec![
+        format!("{frames} images; {}", net.words()),
+        "not checked against measurements: `eit reconstruct` with [denoise] does that".to_owned(),
+    ];
     lines.extend(compared.map(|s| s.words()));
     lines.push(format!("written to {}: {}", out.path().display(), out.names().join(", ")));
     out.commit(&["movie.gif"])?;

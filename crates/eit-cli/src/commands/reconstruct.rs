@@ -85,10 +85,23 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
         pipeline::touches::touches(&scene, (setup, linearised), (&frames, gain), &mut progress)?;
     if let Some(net) = &net {
         out.write("raw.npy", |w| write_npy(&made.images, w))?;
-        net.apply(&mut made.images, &made.raster, &mut progress)?;
+        let mut check =
+            denoise::Check::new(&scene, (setup, linearised, &made.raster), (&frames, gain))?;
+        let checked = net.apply(&mut made.images, &made.raster, Some(&mut check), &mut progress)?;
         made.footnote += ", U-net";
         made.lines.push(net.words());
         made.report["denoise"] = net.json();
+        match checked {
+            Some(checked) => {
+                made.lines.push(checked.words());
+                made.report["denoise"]["check"] = checked.json();
+            }
+            None => made.notes.push(
+                "these weights know no limit of misfit: denoised images are not checked against \
+                 the measurements"
+                    .to_owned(),
+            ),
+        }
     }
     let mut notes = frames.notes.clone();
     notes.extend(linearised.warning.clone());

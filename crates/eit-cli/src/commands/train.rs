@@ -3,24 +3,26 @@
 mod curve;
 mod motion;
 mod sequence;
+mod worth;
 
 use super::{Answer, ending};
 use crate::cli::TrainArgs;
-use crate::denoise::{Scores, scores};
+use crate::denoise::Scores;
 use crate::error::CliError;
 use crate::output::OutFile;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use eit_denoise::{
-    BaseSettings, Denoiser, Examples, ImageStack, LearningBase, Shard, ThresholdRule,
-    TrainSettings, TrainStatus, Trainer, UnetShape, Weights,
+    BaseSettings, Examples, LearningBase, PixelTurn, Shard, TrainSettings, TrainStatus, Trainer,
+    UnetShape, Weights,
 };
-use ndarray::{Array3, Axis, concatenate};
 use sequence::Workshop;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
 
 /// One sequence of so many is held out.
 const HELD_OUT: usize = 6;
@@ -40,18 +42,22 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
     let mut progress = Progress::default();
-    let workshop = Workshop::new(&scene, args, threads, &mut progress)?;
+    let workshop = Workshop::new(&scene, args, &mut progress)?;
     let folder = args.base.clone().unwrap_or_else(|| args.out.with_extension("base"));
-    let base = base(args, &scene, &workshop, &folder, &mut progress)?;
+    let base = base(args, &scene, (&workshop, threads), &folder, &mut progress)?;
     let (train, held_out) = progress.stage("read the base", || shards(&base))?;
     let name = base.checksum()?;
     let checkpoint = args.out.with_extension("checkpoint");
-    let trainer =
-        learn(&settings, (&train, &held_out), &name, (&checkpoint, threads), &mut progress)?;
+    let turns = workshop.turns();
+    let pairs = (&train[..], &held_out[..], &turns[..]);
+    let trainer = learn(&settings, pairs, &name, (&checkpoint, threads), &mut progress)?;
     let skin = scene.skin_fingerprint()?;
     let bare = trainer.weights(&skin, base.settings().pixels, BTreeMap::new());
-    let scores = progress.stage("compare", || held_out_scores(&bare, &held_out))?;
-    let about = about(&scene, &base, &name, &trainer, &scores);
+    let (scores, limit) = progress.stage("compare", || {
+        let scores = worth::held_out_scores(&bare, &held_out)?;
+        Ok::<_, CliError>((scores, worth::misfit_limit(&bare, &held_out, &workshop)?))
+    })?;
+    let about = about(&scene, &base, &name, &trainer, (&scores, limit));
     let weights = Weights { about, ..bare };
     let bytes = weights.to_bytes()?;
     out.write(|w| w.write_all(&bytes).map_err(crate::output::io))?;
@@ -68,6 +74,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         "status": status_words(trainer.status()),
         "held_out_error": trainer.best().map(|e| e.held_out_error),
         "held_out": scores.json(),
+        "misfit_limit": limit,
         "bytes": bytes.len(),
         "stages": progress.times(),
         "out": args.out.display().to_string(),
@@ -105,7 +112,7 @@ fn settings(args: &TrainArgs) -> Result<TrainSettings, CliError> {
 fn base(
     args: &TrainArgs,
     scene: &Scene,
-    workshop: &Workshop<'_>,
+    (workshop, threads): (&Workshop<'_>, usize),
     folder: &Path,
     progress: &mut Progress,
 ) -> Result<LearningBase, CliError> {
@@ -122,11 +129,27 @@ fn base(
         return Ok(base);
     }
     progress.steps("sequences", missing.len(), |bar| {
-        for index in missing {
-            let shard = workshop.sequence(index);
-            base.write(index, &shard.map_err(|e| e.within(&format!("sequence {index}")))?)?;
-            bar.inc(1);
-        }
+        let next = AtomicUsize::new(0);
+        let (sender, made) = mpsc::channel();
+        std::thread::scope(|scope| {
+            for _ in 0..threads.min(missing.len()) {
+                let (missing, next, sender) = (&missing, &next, sender.clone());
+                // ends with the list, or when nobody listens any more
+                scope.spawn(move || {
+                    while let Some(&index) = missing.get(next.fetch_add(1, Ordering::Relaxed)) {
+                        if sender.send((index, workshop.sequence(index))).is_err() {
+                            break;
+                        }
+                    }
+                });
+            }
+            drop(sender);
+            for (index, shard) in made {
+                base.write(index, &shard.map_err(|e| e.within(&format!("sequence {index}")))?)?;
+                bar.inc(1);
+            }
+            Ok::<_, CliError>(())
+        })?;
         Ok::<_, CliError>(base)
     })
 }
@@ -148,13 +171,14 @@ fn shards(base: &LearningBase) -> Result<(Vec<Shard>, Vec<Shard>), CliError> {
 /// Trains from the start, or from the checkpoint.
 fn learn(
     settings: &TrainSettings,
-    (train, held_out): (&[Shard], &[Shard]),
+    (train, held_out, turns): (&[Shard], &[Shard], &[PixelTurn]),
     base: &str,
     (checkpoint, threads): (&Path, usize),
     progress: &mut Progress,
 ) -> Result<Trainer, CliError> {
     let history = settings.shape.history;
-    let (train, held_out) = (Examples::new(train, history)?, Examples::new(held_out, history)?);
+    let train = Examples::new(train, history)?.turned(turns)?;
+    let held_out = Examples::new(held_out, history)?;
     let mut trainer = match checkpoint.exists() {
         true => Trainer::resume(checkpoint, settings, base)?,
         false => Trainer::new(settings, base)?,
@@ -181,36 +205,13 @@ fn status_words(status: TrainStatus) -> &'static str {
     }
 }
 
-/// Net and threshold rule against the raw images of the held-out sequences.
-fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, CliError> {
-    let Some(first) = held_out.first() else {
-        return Err(CliError::Failure("no sequence was held out".to_owned()));
-    };
-    let mut net = Denoiser::new(weights, first.mask.view())?;
-    let mut rule = ThresholdRule::default().on(first.mask.view())?;
-    let (mut raw, mut made, mut wanted) = (Vec::new(), Vec::new(), Vec::new());
-    for shard in held_out {
-        let stack =
-            |images: &Array3<f32>| ImageStack::new(images.mapv(f64::from), shard.mask.clone());
-        let own = stack(&shard.raw)?;
-        made.push(net.denoise(&own)?.into_parts().0);
-        raw.push(own.into_parts().0);
-        wanted.push(stack(&shard.wanted)?.into_parts().0);
-    }
-    let join = |list: &[Array3<f64>]| {
-        let views: Vec<_> = list.iter().map(|images| images.view()).collect();
-        concatenate(Axis(0), &views).map_err(|e| CliError::Failure(format!("joining: {e}")))
-    };
-    scores(join(&raw)?.view(), join(&made)?.view(), join(&wanted)?.view(), &mut rule)
-}
-
 /// What the weights' file says of them.
 fn about(
     scene: &Scene,
     base: &LearningBase,
     checksum: &str,
     trainer: &Trainer,
-    scores: &Scores,
+    (scores, limit): (&Scores, Option<f64>),
 ) -> BTreeMap<String, String> {
     let settings = trainer.settings();
     let best = trainer.best();
@@ -230,7 +231,8 @@ fn about(
         ("held_out_rule_over_raw", scores.rule_over_raw.to_string()),
         ("program", format!("eit {}", env!("CARGO_PKG_VERSION"))),
     ];
-    entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    let limit = limit.map(|limit| ("misfit_limit", limit.to_string()));
+    entries.into_iter().chain(limit).map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
 /// A file beside the weights.

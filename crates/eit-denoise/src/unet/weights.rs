@@ -10,6 +10,8 @@ const VERSION: &str = "1";
 /// Keys of the metadata that every file has.
 const KEYS: [&str; 6] = ["format_version", "history", "width", "depth", "skin", "pixels"];
 
+const MISFIT_LIMIT: &str = "misfit_limit";
+
 /// A trained net.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
@@ -72,6 +74,13 @@ impl Weights {
             asked: skin.to_owned(),
             asked_pixels: pixels,
         })
+    }
+
+    /// The part of the measurements' energy that known images of this net leave unexplained, for
+    /// [`crate::Misfit::score`], where the training measured it: `misfit_limit` of `about`.
+    pub fn misfit_limit(&self) -> Option<f64> {
+        let limit: f64 = self.about.get(MISFIT_LIMIT)?.parse().ok()?;
+        (limit.is_finite() && limit > 0.0).then_some(limit)
     }
 
     /// The bytes of a safetensors file: `down.0.0.weight`, `down.0.0.bias`, ... with the metadata.

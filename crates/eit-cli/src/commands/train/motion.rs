@@ -9,6 +9,8 @@ use std::f64::consts::TAU;
 const RATE_HZ: f64 = 10.0;
 /// Frames before the first touch: reference and noise.
 pub(super) const QUIET: usize = 20;
+/// Part of the radius up to which fingers press.
+const REACH: f64 = 0.9;
 /// Time to press and to lift, seconds.
 const PRESS_S: f64 = 0.3;
 
@@ -37,50 +39,127 @@ impl Random {
     }
 }
 
-/// One to three fingers, each in a sector of its own so that they never meet, which press, rest,
-/// slide from place to place up to 85 % of the radius, and lift.
-pub(super) fn script(random: &mut Random, circle: &PlayCircle, frames: usize) -> TouchScript {
-    let count = 1 + random.choice(3);
-    let turn = random.between(0.0, TAU);
-    let quiet_s = QUIET as f64 / RATE_HZ;
-    let end_s = frames as f64 / RATE_HZ;
-    let fingers = (0..count)
-        .map(|k| {
-            let sector = turn + TAU * k as f64 / count as f64;
-            // alone it goes everywhere; between neighbours a gap stays
-            let reach = if count == 1 { TAU / 2.0 } else { 0.65 * TAU / (2.0 * count as f64) };
-            let inner: f64 = if count == 1 { 0.0 } else { 0.35 };
-            finger(random, circle, (k as u32 + 1, sector, reach, inner), [quiet_s, end_s])
-        })
-        .collect();
-    TouchScript {
+/// How many fingers a drawn script has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Fingers {
+    /// Always so many, 1 to [`MOST`].
+    Always(usize),
+    /// One in 35 % of the scripts, two in 40 %, three in 15 %, four in 10 %.
+    Any,
+}
+
+/// Fingers of a script.
+pub(super) const MOST: usize = 4;
+/// Part of the scripts with several fingers in which the second stays beside the first.
+const PAIRS: f64 = 0.4;
+/// Least distance of two fingers in radii of the larger tip, from centre to centre: fingertips that
+/// nearly touch.
+const APART: f64 = 2.2;
+/// Fingers that are drawn before a script goes without one that finds no room.
+const TRIES: usize = 40;
+
+impl Fingers {
+    fn draw(self, random: &mut Random) -> usize {
+        let part = random.between(0.0, 1.0);
+        match self {
+            Self::Always(count) => count,
+            Self::Any => [0.35, 0.75, 0.9].iter().filter(|bound| part >= **bound).count() + 1,
+        }
+    }
+}
+
+/// Fingers anywhere up to 90 % of the radius that tap, press, rest, slide from place to place and
+/// lift, each at times of its own. They never overlap; often two stay side by side.
+pub(super) fn script(
+    random: &mut Random,
+    circle: &PlayCircle,
+    (frames, fingers): (usize, Fingers),
+) -> TouchScript {
+    let count = fingers.draw(random);
+    let mut script = TouchScript {
         name: "training".to_owned(),
         frame_rate_hz: RATE_HZ,
         frames,
         quiet_frames: QUIET,
-        fingers,
+        fingers: Vec::new(),
+    };
+    let pair = count > 1 && random.between(0.0, 1.0) < PAIRS;
+    for id in 1..=count as u32 {
+        for _ in 0..TRIES {
+            let finger = match script.fingers.first() {
+                Some(first) if pair && id == 2 => beside(random, circle, first),
+                _ => finger(random, circle, id, frames),
+            };
+            script.fingers.push(finger);
+            if are_apart(&script) {
+                break;
+            }
+            script.fingers.pop();
+        }
     }
+    script
 }
 
-fn finger(
-    random: &mut Random,
-    circle: &PlayCircle,
-    (id, sector, reach, inner): (u32, f64, f64, f64),
-    [quiet_s, end_s]: [f64; 2],
-) -> Finger {
-    let mut keys = Vec::new();
-    let mut now_s = quiet_s + random.between(0.0, 0.8);
+/// Whether no two fingers come nearer to each other than fingers can.
+fn are_apart(script: &TouchScript) -> bool {
+    (0..script.frames).all(|frame| {
+        let touches = script.touches(frame);
+        touches.iter().enumerate().all(|(k, a)| {
+            touches[..k].iter().all(|b| {
+                let [dx, dy] = [0, 1].map(|i| a.position_m[i] - b.position_m[i]);
+                dx.hypot(dy) >= APART * a.radius_m.max(b.radius_m)
+            })
+        })
+    })
+}
+
+/// A finger that follows another at its side.
+fn beside(random: &mut Random, circle: &PlayCircle, first: &Finger) -> Finger {
+    let apart = random.between(APART + 0.1, 6.0);
+    let (mut angle, turn) = (random.between(0.0, TAU), random.between(-1.0, 1.0));
+    let force = random.factor(0.5, 2.0);
+    let mut keys = first.keys.clone();
+    for key in &mut keys {
+        let distance_m = apart * key.radius_m;
+        let place = [
+            key.position_m[0] + distance_m * angle.cos(),
+            key.position_m[1] + distance_m * angle.sin(),
+        ];
+        // along the rim where the place is off the skin
+        let off = [place[0] - circle.centre_m[0], place[1] - circle.centre_m[1]];
+        let inside = (REACH * circle.radius_m / off[0].hypot(off[1])).min(1.0);
+        key.position_m = [0, 1].map(|i| circle.centre_m[i] + inside * off[i]);
+        key.force_n *= force;
+        angle += turn * random.between(0.0, 0.3);
+    }
+    Finger { id: 2, keys, ..first.clone() }
+}
+
+fn finger(random: &mut Random, circle: &PlayCircle, id: u32, frames: usize) -> Finger {
+    let mut keys: Vec<Key> = Vec::new();
+    let end_s = frames as f64 / RATE_HZ;
+    let mut now_s = QUIET as f64 / RATE_HZ + random.between(0.0, 0.8);
+    let interpolation = [Interpolation::Linear, Interpolation::Smooth][random.choice(2)];
     while now_s + 2.0 * PRESS_S < end_s {
         let tip = 0.01_f64.min(0.15 * circle.radius_m);
-        let (radius_m, force_n) = (tip * random.between(0.8, 1.2), random.between(0.4, 2.0));
-        let places = 1 + random.choice(4);
+        let (radius_m, force_n) = (tip * random.between(0.6, 1.3), random.factor(0.2, 2.5));
+        // a tap every third time
+        let places = match random.choice(3) {
+            0 => 0,
+            _ => 1 + random.choice(4),
+        };
+        let last = keys.last().map(|key| key.position_m);
         for k in 0..=places {
-            // equal areas are equally likely
-            let part = random.between(inner * inner, 0.85 * 0.85).sqrt();
-            let angle = sector + random.between(-reach, reach);
-            let r = part * circle.radius_m;
-            let position_m =
-                [circle.centre_m[0] + r * angle.cos(), circle.centre_m[1] + r * angle.sin()];
+            // equal areas are equally likely; a tap may come back to its place
+            let again = k == 0 && random.choice(3) == 0;
+            let position_m = match last.filter(|_| again) {
+                Some(last) => last,
+                None => {
+                    let r = random.between(0.0, REACH * REACH).sqrt() * circle.radius_m;
+                    let angle = random.between(0.0, TAU);
+                    [circle.centre_m[0] + r * angle.cos(), circle.centre_m[1] + r * angle.sin()]
+                }
+            };
             let mut key =
                 |time_s, force_n| keys.push(Key { time_s, position_m, force_n, radius_m });
             if k == 0 {
@@ -88,19 +167,18 @@ fn finger(
                 now_s += PRESS_S;
             }
             key(now_s, force_n);
-            let rest_s = random.between(0.0, 1.0);
-            now_s += rest_s;
+            now_s += random.between(0.02, 0.6);
             key(now_s, force_n);
             if k == places {
                 now_s += PRESS_S;
                 key(now_s, 0.0);
             } else {
-                now_s += random.between(0.5, 2.5);
+                now_s += random.between(0.4, 2.5);
             }
         }
-        now_s += random.between(0.1, 1.0);
+        now_s += random.between(0.1, 1.5);
     }
-    Finger { id, tip: Tip::Round, interpolation: Interpolation::Linear, keys }
+    Finger { id, tip: Tip::Round, interpolation, keys }
 }
 
 /// The scene's fabric with electrodes that give way more or less, and another weave, gain, noise
@@ -123,4 +201,4 @@ pub(super) fn fabric(random: &mut Random, scene: &FabricSettings) -> FabricSetti
 }
 
 /// What the numbers above mean for a base: changes when they change.
-pub(super) const RECIPE: &str = "scripts 1, fabrics 1";
+pub(super) const RECIPE: &str = "scripts 2, fabrics 1";

@@ -1,6 +1,6 @@
 //! One sequence of a learning base: simulate, turn, reconstruct, and the truth turned alike.
 
-use super::motion::{QUIET, RECIPE, Random, fabric, script};
+use super::motion::{Fingers, MOST, QUIET, RECIPE, Random, fabric, script};
 use crate::cli::TrainArgs;
 use crate::error::CliError;
 use crate::frames;
@@ -9,11 +9,11 @@ use crate::output::{io, write_npy};
 use crate::pipeline::{self, Linearised, Setup};
 use crate::progress::Progress;
 use crate::scene::{Direction, Noise, OneOrMany, Pair, Recording, Reference, Scene, Shape};
-use eit_denoise::{DiscSymmetry, ImageStack, MeasurementOrder, Shard};
+use eit_denoise::{DiscSymmetry, ImageStack, MeasurementOrder, PixelTurn, Shard, ShardData};
 use eit_fem::FemError;
 use eit_fem::fabric::{Fabric, PlayCircle, Simulation, SimulationSettings};
 use eit_mesh::Raster;
-use ndarray::{Array2, Array3, ArrayView2, Axis};
+use ndarray::{Array1, Array2, Array3, ArrayView2, Axis};
 use std::io::Write as _;
 
 /// Nodes of the mesh that simulates: twice those that reconstruct.
@@ -28,8 +28,8 @@ pub(super) struct Workshop<'a> {
     scene: &'a Scene,
     method: Method,
     frames: usize,
+    fingers: Fingers,
     seed: u64,
-    threads: usize,
     /// Reconstructs.
     setup: Setup,
     linearised: Linearised,
@@ -45,7 +45,6 @@ impl<'a> Workshop<'a> {
     pub fn new(
         scene: &'a Scene,
         args: &TrainArgs,
-        threads: usize,
         progress: &mut Progress,
     ) -> Result<Self, CliError> {
         if args.frames < QUIET + 10 {
@@ -55,6 +54,13 @@ impl<'a> Workshop<'a> {
                 QUIET + 10
             )));
         }
+        let fingers = match args.fingers {
+            None => Fingers::Any,
+            Some(count) if (1..=MOST).contains(&count) => Fingers::Always(count),
+            Some(count) => {
+                return Err(CliError::input(format!("--fingers {count}: 1 to {MOST}")));
+            }
+        };
         let noisy = of_sequence(scene);
         let method = method::choose(&noisy, args.method.as_deref(), Some(args.frames))?.method;
         if !(method.is_tv() || method == Method::GaussNewton) {
@@ -80,8 +86,8 @@ impl<'a> Workshop<'a> {
             scene,
             method,
             frames,
+            fingers,
             seed,
-            threads,
             setup,
             linearised,
             raster,
@@ -96,13 +102,22 @@ impl<'a> Workshop<'a> {
         [self.raster.pixels(); 2]
     }
 
+    /// The model behind the images, [measurement, masked pixel].
+    pub fn pixel_jacobian(&self) -> Result<Array2<f64>, CliError> {
+        let kind = self.scene.difference_kind(&self.setup.protocol);
+        let all = vec![true; self.setup.protocol.measurements()];
+        pipeline::tv::pixel_jacobian(&self.linearised, &self.raster, kind, &all)
+    }
+
     /// Everything that the pairs depend on and that is not the skin, the seed or a count.
     pub fn recipe(&self) -> String {
         format!(
-            "{} of {} frames, {} symmetries, simulated on {NODES} nodes, {RECIPE}, {:?}, {:?}",
+            "{} of {} frames, {} symmetries, simulated on {NODES} nodes, {RECIPE}, fingers {:?}, \
+             {:?}, {:?}",
             self.method.name(),
             self.frames,
             self.symmetries.len().max(1),
+            self.fingers,
             self.scene.fabric.clone().unwrap_or_default(),
             self.scene.reconstruction,
         )
@@ -129,14 +144,14 @@ impl<'a> Workshop<'a> {
     ) -> Result<Result<Simulation, FemError>, CliError> {
         let mesh = &self.simulating.mesh;
         let settings = fabric(random, &self.scene.fabric.clone().unwrap_or_default());
-        let script = script(random, &PlayCircle::of(mesh), self.frames);
+        let script = script(random, &PlayCircle::of(mesh), (self.frames, self.fingers));
         let impedance = self.scene.contact_impedance(mesh.electrodes().len())?;
         let conductivity_s = self.scene.skin.conductivity_s;
         let protocol = &self.simulating.protocol;
         let fabric = Fabric::new(mesh, protocol, conductivity_s, &impedance, &settings)?;
         // noise and weave must not repeat from sequence to sequence
         let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(index as u64);
-        let how = SimulationSettings { seed, threads: self.threads, keep_elements: false };
+        let how = SimulationSettings { seed, threads: 1, keep_elements: false };
         match fabric.simulate(&script, &self.fine, &how, &mut |_| {}) {
             Ok(made) => Ok(Ok(made)),
             Err(
@@ -160,14 +175,11 @@ impl<'a> Workshop<'a> {
                 order.apply_into(&frame, &mut turned)?;
                 row.assign(&ndarray::ArrayView1::from(&turned));
             }
-            let count = self.setup.mesh.electrodes().len() as u32;
-            let first = self.scene.electrodes.first_angle_deg.unwrap_or(0.0).to_radians();
-            let clockwise = self.scene.electrodes.direction == Direction::Clockwise;
-            let [[a, b], [c, d]] = symmetry.matrix(count, first, clockwise);
+            let [[a, b], [c, d]] = self.matrix(*symmetry);
             // the inverse of a turn or mirror image is its transpose
             to_old = [[a, c], [b, d]];
         }
-        let raw = self.reconstruct(&values)?;
+        let (raw, data) = self.reconstruct(&values)?;
         let fine = &made.truth.conductivity_change_s;
         let mask = self.raster.mask();
         let wanted = Array3::from_shape_fn(raw.dim(), |(f, r, c)| match mask[[r, c]] {
@@ -175,11 +187,26 @@ impl<'a> Workshop<'a> {
             false => f64::NAN,
         });
         let stack = |images| ImageStack::new(images, mask.clone());
-        Ok(Shard::new(&stack(raw)?, &stack(wanted)?)?)
+        let shard = Shard::new(&stack(raw)?, &stack(wanted)?)?;
+        Ok(Shard { data: Some(data), ..shard })
     }
 
-    /// Images as `eit reconstruct` makes them of these frames.
-    fn reconstruct(&self, values: &Array2<f64>) -> Result<Array3<f64>, CliError> {
+    /// How a symmetry moves places.
+    fn matrix(&self, symmetry: DiscSymmetry) -> [[f64; 2]; 2] {
+        let count = self.setup.mesh.electrodes().len() as u32;
+        let first = self.scene.electrodes.first_angle_deg.unwrap_or(0.0).to_radians();
+        let clockwise = self.scene.electrodes.direction == Direction::Clockwise;
+        symmetry.matrix(count, first, clockwise)
+    }
+
+    /// The symmetries that take pixels to pixels.
+    pub fn turns(&self) -> Vec<PixelTurn> {
+        let matrices = self.symmetries.iter().map(|(symmetry, _)| self.matrix(*symmetry));
+        matrices.filter_map(PixelTurn::of_matrix).collect()
+    }
+
+    /// Images as `eit reconstruct` makes them of these frames, and their data.
+    fn reconstruct(&self, values: &Array2<f64>) -> Result<(Array3<f64>, ShardData), CliError> {
         let scene = &of_sequence(self.scene);
         let mut file =
             tempfile::Builder::new().prefix(".eit-").suffix(".npy").tempfile().map_err(io)?;
@@ -191,15 +218,33 @@ impl<'a> Workshop<'a> {
         let kind = scene.difference_kind(&setup.protocol);
         let voltages = linearised.voltages.to_vec();
         let fit = frames.fit_model(&voltages, kind, scene.skin.conductivity_s)?;
+        let data = self.data(scene, &frames, fit.gain)?;
         let mut silent = Progress::silent();
         if self.method == Method::GaussNewton {
             let imaging = pipeline::imaging(scene, setup, linearised, &frames, &mut silent)?;
-            return Ok(imaging.images(&frames, &mut silent)?.into_parts().0);
+            return Ok((imaging.images(&frames, &mut silent)?.into_parts().0, data));
         }
         let parts = (setup, linearised, raster);
         let movie =
             pipeline::tv::reconstruct(scene, self.method, parts, (&frames, fit.gain), &mut silent)?;
-        Ok(raster.images_from_pixels(movie.pixels.view())?)
+        Ok((raster.images_from_pixels(movie.pixels.view())?, data))
+    }
+
+    /// Differences of frames from their reference, and their noise.
+    fn data(
+        &self,
+        scene: &Scene,
+        frames: &frames::Frames,
+        gain: f64,
+    ) -> Result<ShardData, CliError> {
+        let kind = scene.difference_kind(&self.setup.protocol);
+        let data = pipeline::difference_data(kind, &self.linearised);
+        let noise = pipeline::noise::known(scene, frames, (&data, gain))?
+            .ok_or_else(|| CliError::Failure("quiet frames without noise".to_owned()))?;
+        let std = noise.std.iter().zip(&frames.used);
+        let noise_std: Array1<f32> =
+            std.map(|(std, used)| if *used { *std as f32 } else { f32::INFINITY }).collect();
+        Ok(ShardData { differences: frames.differences(kind).mapv(|v| v as f32), noise_std })
     }
 
     /// Mean of the truth over a pixel, whose places `to_old` takes to where they were simulated.

@@ -1,0 +1,57 @@
+//! What a trained net is worth on sequences that it did not learn from.
+
+use super::sequence::Workshop;
+use crate::denoise::{Scores, scores};
+use crate::error::CliError;
+use eit_denoise::{Denoiser, Evidence, ImageStack, Misfit, Shard, ThresholdRule, Weights};
+use ndarray::{Array3, Axis, concatenate};
+
+/// Part of the held-out frames whose image may look as if it did not explain the data.
+const NOT_BELIEVED: f64 = 0.02;
+
+/// Net and threshold rule against the raw images of the held-out sequences.
+pub(super) fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, CliError> {
+    let Some(first) = held_out.first() else {
+        return Err(CliError::Failure("no sequence was held out".to_owned()));
+    };
+    let mut net = Denoiser::new(weights, first.mask.view())?;
+    let mut rule = ThresholdRule::default().on(first.mask.view())?;
+    let (mut raw, mut made, mut wanted) = (Vec::new(), Vec::new(), Vec::new());
+    for shard in held_out {
+        let stack =
+            |images: &Array3<f32>| ImageStack::new(images.mapv(f64::from), shard.mask.clone());
+        let own = stack(&shard.raw)?;
+        made.push(net.denoise(&own)?.into_parts().0);
+        raw.push(own.into_parts().0);
+        wanted.push(stack(&shard.wanted)?.into_parts().0);
+    }
+    let join = |list: &[Array3<f64>]| {
+        let views: Vec<_> = list.iter().map(|images| images.view()).collect();
+        concatenate(Axis(0), &views).map_err(|e| CliError::Failure(format!("joining: {e}")))
+    };
+    scores(join(&raw)?.view(), join(&made)?.view(), join(&wanted)?.view(), &mut rule)
+}
+
+/// The part of the data's energy that the net's images of held-out frames leave unexplained, all
+/// but [`NOT_BELIEVED`] of them.
+pub(super) fn misfit_limit(
+    weights: &Weights,
+    held_out: &[Shard],
+    workshop: &Workshop<'_>,
+) -> Result<Option<f64>, CliError> {
+    let jacobian = workshop.pixel_jacobian()?;
+    let mut known: Vec<Misfit> = Vec::new();
+    for shard in held_out {
+        let Some(data) = &shard.data else { continue };
+        let noise_std: Vec<f64> = data.noise_std.iter().map(|std| f64::from(*std)).collect();
+        let mut evidence = Evidence::new(jacobian.view(), &noise_std, shard.mask.view())?;
+        let mut net = Denoiser::new(weights, shard.mask.view())?;
+        let raw = ImageStack::new(shard.raw.mapv(f64::from), shard.mask.clone())?;
+        let made = net.denoise(&raw)?;
+        for (image, differences) in made.iter().zip(data.differences.outer_iter()) {
+            let differences = differences.mapv(f64::from).to_vec();
+            known.push(evidence.misfit(image, &differences)?);
+        }
+    }
+    Ok(Misfit::limit(&known, NOT_BELIEVED))
+}

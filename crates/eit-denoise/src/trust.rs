@@ -1,0 +1,171 @@
+//! Does the image that a net made explain the measurements it came from?
+//!
+//! A net draws what it has learnt, also from images that look like nothing it has seen. The
+//! linearised model knows better: pushed through it, a right image gives most of the measured
+//! differences back, an invented one does not. One product of `measurements x pixels` per frame,
+//! 0.7 million multiplications for 208 and 3 200, in `f32`.
+
+use crate::DenoiseError;
+use ndarray::{Array2, ArrayView2};
+
+/// Standard deviations above its mean to which the energy of noise alone is believed: one frame in
+/// thirty thousand is above.
+const NOISE_DEVIATIONS: f64 = 4.0;
+
+/// The linear model of a skin's images, weighted by the noise of the measurements.
+#[derive(Debug, Clone)]
+pub struct Evidence {
+    /// `W^1/2 J`, `[measurement][masked pixel]`, row by row.
+    rows: Vec<f32>,
+    /// `W^1/2`; 0 for a measurement that is not used.
+    root_weights: Vec<f64>,
+    mask: Array2<bool>,
+    /// Masked pixels of the image at hand.
+    pixels: Vec<f32>,
+}
+
+/// Energies of a frame in units of the noise: sums of squares over the measurements that are used.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Misfit {
+    /// `|W^1/2 dv|^2`.
+    pub data: f64,
+    /// What the image leaves unexplained: `|W^1/2 (dv - J x)|^2`.
+    pub left: f64,
+    /// Measurements used.
+    pub measurements: usize,
+}
+
+impl Evidence {
+    /// For images on `mask` [row, column]: `jacobian` [measurement, masked pixel in row order] is in
+    /// the differences' unit per image unit, `noise_std` the standard deviation of each difference,
+    /// infinite for one that is not used.
+    ///
+    /// # Errors
+    /// [`DenoiseError::WrongLength`], [`DenoiseError::EmptyMask`]; [`DenoiseError::OutOfRange`] for
+    /// a deviation that is not positive, or a sensitivity of a used measurement that is not finite.
+    pub fn new(
+        jacobian: ArrayView2<'_, f64>,
+        noise_std: &[f64],
+        mask: ArrayView2<'_, bool>,
+    ) -> Result<Self, DenoiseError> {
+        let inside = mask.iter().filter(|inside| **inside).count();
+        if inside == 0 {
+            let (rows, columns) = mask.dim();
+            return Err(DenoiseError::EmptyMask { rows, columns });
+        }
+        let (measurements, pixels) = jacobian.dim();
+        for (what, found, wanted) in [
+            ("pixels of the Jacobian", pixels, inside),
+            ("noise levels", noise_std.len(), measurements),
+        ] {
+            if found != wanted {
+                return Err(DenoiseError::WrongLength { what, found, wanted });
+            }
+        }
+        if let Some(&value) = noise_std.iter().find(|std| !(**std > 0.0)) {
+            let (quantity, must) = ("noise", "above zero; infinite where a value is not used");
+            return Err(DenoiseError::OutOfRange { quantity, value, must });
+        }
+        let root_weights: Vec<f64> = noise_std.iter().map(|std| 1.0 / std).collect();
+        let mut rows = Vec::with_capacity(measurements * pixels);
+        for (row, &weight) in jacobian.rows().into_iter().zip(&root_weights) {
+            // whatever stands in a row that is not used
+            let of = |j: &f64| if weight == 0.0 { 0.0 } else { (weight * j) as f32 };
+            rows.extend(row.iter().map(of));
+        }
+        if let Some(&value) = rows.iter().find(|v| !v.is_finite()) {
+            let (quantity, must) = ("sensitivity over noise", "finite");
+            return Err(DenoiseError::OutOfRange { quantity, value: f64::from(value), must });
+        }
+        Ok(Self { rows, root_weights, mask: mask.to_owned(), pixels: vec![0.0; inside] })
+    }
+
+    /// What an image [row, column] explains of a frame's differences from its reference; a value
+    /// that is not finite is a measurement that is missing. Allocates nothing.
+    ///
+    /// # Errors
+    /// [`DenoiseError::ShapeMismatch`], [`DenoiseError::WrongLength`].
+    pub fn misfit(
+        &mut self,
+        image: ArrayView2<'_, f64>,
+        differences: &[f64],
+    ) -> Result<Misfit, DenoiseError> {
+        if image.dim() != self.mask.dim() {
+            let (images, mask) = (image.dim(), self.mask.dim());
+            let (images, mask) = ([images.0, images.1], [mask.0, mask.1]);
+            return Err(DenoiseError::ShapeMismatch { images, mask });
+        }
+        let (found, wanted) = (differences.len(), self.root_weights.len());
+        if found != wanted {
+            return Err(DenoiseError::WrongLength { what: "differences", found, wanted });
+        }
+        // f32 has the range of images in siemens only after scaling
+        let inside =
+            || image.iter().zip(&self.mask).filter(|(_, inside)| **inside).map(|(v, _)| *v);
+        let scale = inside().fold(0.0_f64, |most, v| v.abs().max(most));
+        let scale = if scale > 0.0 { scale } else { 1.0 };
+        for (pixel, value) in self.pixels.iter_mut().zip(inside()) {
+            *pixel = (value / scale) as f32;
+        }
+        let mut misfit = Misfit { data: 0.0, left: 0.0, measurements: 0 };
+        let rows = self.rows.chunks_exact(self.pixels.len());
+        for ((row, weight), difference) in rows.zip(&self.root_weights).zip(differences) {
+            if *weight == 0.0 || !difference.is_finite() {
+                continue;
+            }
+            let datum = weight * difference;
+            let left = datum - scale * f64::from(dot(row, &self.pixels));
+            misfit.data += datum * datum;
+            misfit.left += left * left;
+            misfit.measurements += 1;
+        }
+        Ok(misfit)
+    }
+}
+
+/// Sixteen sums, so that the compiler may use registers of any width.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let (a, a_rest) = a.as_chunks::<16>();
+    let (b, b_rest) = b.as_chunks::<16>();
+    let mut sums = [0.0_f32; 16];
+    for (a, b) in a.iter().zip(b) {
+        for i in 0..16 {
+            sums[i] += a[i] * b[i];
+        }
+    }
+    let rest: f32 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f32>() + rest
+}
+
+impl Misfit {
+    /// Energy that noise alone may have: `n + 4 sqrt(2 n)`, mean and four standard deviations of
+    /// chi squared with `n` degrees.
+    pub fn noise(&self) -> f64 {
+        let n = self.measurements as f64;
+        n + NOISE_DEVIATIONS * (2.0 * n).sqrt()
+    }
+
+    /// Unexplained part of the data's energy.
+    pub fn part(&self) -> f64 {
+        self.left / self.data
+    }
+
+    /// How far from trust: what is left over what may be left, which is the part `limit` of the
+    /// data's energy, or noise. Up to 1 the image is believed. On a quiet frame that is an image
+    /// which claims no more than noise.
+    pub fn score(&self, limit: f64) -> f64 {
+        self.left / (limit * self.data).max(self.noise())
+    }
+
+    /// The part of unexplained energy that all but `share` of known frames keep: the limit for
+    /// [`Misfit::score`]. Frames within ten times the energy of noise say nothing; `None` where
+    /// fewer than twenty others are left.
+    pub fn limit(known: &[Self], share: f64) -> Option<f64> {
+        let strong = known.iter().filter(|misfit| misfit.data > 10.0 * misfit.noise());
+        let mut parts: Vec<f64> = strong.map(Self::part).collect();
+        parts.sort_by(f64::total_cmp);
+        let last = parts.len().checked_sub(1).filter(|_| parts.len() >= 20)?;
+        let at = ((1.0 - share) * parts.len() as f64) as usize;
+        parts.get(at.min(last)).copied()
+    }
+}
