@@ -91,7 +91,8 @@ pub(crate) enum Command {
     /// Simulates soft and hard fingers on the built-in skin with a finer mesh and noise. Writes
     /// error_bell.png, error_pad.png and gap.png (error and certified gap against time),
     /// images.png, report.md and report.json; with --quality instead quality.md and quality.csv
-    /// (figures of merit over noise, speed and number of touches; some minutes).
+    /// (figures of merit over noise, speed and number of touches; some minutes), with --touches
+    /// touches.md, with --denoise denoise.md and its pictures.
     Report(ReportArgs),
 }
 
@@ -134,6 +135,17 @@ pub(crate) struct ReportArgs {
     #[arg(long, conflicts_with = "quality", value_name = "PARTS", value_delimiter = ',')]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "all")]
     pub touches: Vec<TouchPart>,
+    /// What U-nets make of images: error before and after, touches lost and invented, on scripts
+    /// and fabrics that they were not trained on, and on frames like none they have seen.
+    #[arg(long, conflicts_with_all = ["quality", "touches"])]
+    pub denoise: bool,
+    /// Weights to compare with --denoise: "default", or a file of `eit train`; more than once for
+    /// more.
+    #[arg(long, requires = "denoise", value_name = "W", default_value = "default")]
+    pub weights: Vec<String>,
+    /// Method of the raw images for --denoise [default: st-tv].
+    #[arg(long, requires = "denoise", value_name = "METHOD")]
+    pub method: Option<String>,
 }
 
 /// Parts of `eit report --touches`.

@@ -1,7 +1,9 @@
 //! A scene's U-net: which weights, whether they fit, images through them.
 
+mod chain;
 mod check;
 
+pub(crate) use chain::{Chain, Chained};
 pub(crate) use check::{Check, Checked};
 
 use crate::error::CliError;

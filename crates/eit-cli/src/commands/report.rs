@@ -1,10 +1,12 @@
-//! `eit report`: error against run time of every method, their quality over noise, and how well
-//! touches are found, all on simulated touches of the built-in skin and all from one run.
+//! `eit report`: error against run time of every method, their quality over noise, how well
+//! touches are found, and what a U-net makes of it, all on simulated touches of the built-in skin and all from one run.
 
 mod bench;
+mod denoise;
 mod quality;
 mod race;
 mod scores;
+mod table;
 mod touches;
 
 use super::Answer;
@@ -13,8 +15,8 @@ use crate::error::CliError;
 use crate::output::OutFolder;
 use crate::progress::Progress;
 
-/// Files of the three parts: each run removes those of the other that it does not make.
-const FILES: [&str; 14] = [
+/// Files of the parts: each run removes those of the others that it does not make.
+const FILES: [&str; 20] = [
     "error_bell.png",
     "error_pad.png",
     "gap.png",
@@ -29,6 +31,12 @@ const FILES: [&str; 14] = [
     "position_centre.png",
     "position_half.png",
     "position_rim.png",
+    "denoise.md",
+    "denoise.csv",
+    "denoise.json",
+    "mse_one_finger.png",
+    "mse_two_fingers.png",
+    "denoised.png",
 ];
 
 /// Runs the race, the table of quality or the touch figures.
@@ -37,6 +45,8 @@ pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {
     let mut progress = Progress::default();
     let answer = if args.quality {
         quality::run(args.quick, &mut out, &mut progress)?
+    } else if args.denoise {
+        denoise::run(args, &mut out, &mut progress)?
     } else if !args.touches.is_empty() {
         touches::run((&args.touches, args.quick), &mut out, &mut progress)?
     } else {

@@ -8,10 +8,9 @@ mod movement;
 mod pairs;
 mod plots;
 mod position;
-mod table;
 mod tracks;
 
-use super::Answer;
+use super::{Answer, table};
 use crate::cli::TouchPart;
 use crate::error::CliError;
 use crate::output::{OutFolder, io};

@@ -2,19 +2,16 @@
 
 use super::motion::{Fingers, MOST, QUIET, RECIPE, Random, fabric, script};
 use crate::cli::TrainArgs;
+use crate::denoise::{Chain, Chained};
 use crate::error::CliError;
-use crate::frames;
-use crate::method::{self, Method};
-use crate::output::{io, write_npy};
-use crate::pipeline::{self, Linearised, Setup};
+use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
-use crate::scene::{Direction, Noise, OneOrMany, Pair, Recording, Reference, Scene, Shape};
+use crate::scene::{Direction, OneOrMany, Scene, Shape};
 use eit_denoise::{DiscSymmetry, ImageStack, MeasurementOrder, PixelTurn, Shard, ShardData};
 use eit_fem::FemError;
 use eit_fem::fabric::{Fabric, PlayCircle, Simulation, SimulationSettings};
 use eit_mesh::Raster;
 use ndarray::{Array1, Array2, Array3, ArrayView2, Axis};
-use std::io::Write as _;
 
 /// Nodes of the mesh that simulates: twice those that reconstruct.
 const NODES: usize = 4000;
@@ -26,14 +23,11 @@ const ATTEMPTS: usize = 8;
 /// Meshes and settings that all sequences share.
 pub(super) struct Workshop<'a> {
     scene: &'a Scene,
-    method: Method,
+    /// Reconstructs.
+    chain: Chain,
     frames: usize,
     fingers: Fingers,
     seed: u64,
-    /// Reconstructs.
-    setup: Setup,
-    linearised: Linearised,
-    raster: Raster,
     /// Simulates.
     simulating: Setup,
     fine: Raster,
@@ -61,17 +55,8 @@ impl<'a> Workshop<'a> {
                 return Err(CliError::input(format!("--fingers {count}: 1 to {MOST}")));
             }
         };
-        let noisy = of_sequence(scene);
-        let method = method::choose(&noisy, args.method.as_deref(), Some(args.frames))?.method;
-        if !(method.is_tv() || method == Method::GaussNewton) {
-            return Err(CliError::input(format!(
-                "--method {}: a net learns from st-tv, tv or gauss-newton",
-                method.name()
-            )));
-        }
-        let setup = pipeline::setup(scene, None, None, progress)?;
-        let raster = pipeline::raster(scene, &setup, progress)?;
-        let linearised = pipeline::linearise(scene, &setup, progress)?;
+        let lengths = (args.frames, QUIET);
+        let chain = Chain::new(scene, args.method.as_deref(), lengths, progress)?;
         let nodes = (scene.skin.shape != Shape::Mesh).then_some(NODES);
         if nodes.is_none() {
             return Err(CliError::input(
@@ -79,34 +64,22 @@ impl<'a> Workshop<'a> {
             ));
         }
         let simulating = pipeline::setup(scene, None, nodes, progress)?;
-        let fine = Raster::new(simulating.mesh.surface(), FINE * raster.pixels())?;
-        let symmetries = symmetries(scene, &setup)?;
+        let fine = Raster::new(simulating.mesh.surface(), FINE * chain.raster.pixels())?;
+        let symmetries = symmetries(scene, &chain.setup)?;
         let (frames, seed) = (args.frames, args.seed);
-        Ok(Self {
-            scene,
-            method,
-            frames,
-            fingers,
-            seed,
-            setup,
-            linearised,
-            raster,
-            simulating,
-            fine,
-            symmetries,
-        })
+        Ok(Self { scene, chain, frames, fingers, seed, simulating, fine, symmetries })
     }
 
     /// Rows and columns of the images.
     pub fn pixels(&self) -> [usize; 2] {
-        [self.raster.pixels(); 2]
+        [self.chain.raster.pixels(); 2]
     }
 
     /// The model behind the images, [measurement, masked pixel].
     pub fn pixel_jacobian(&self) -> Result<Array2<f64>, CliError> {
-        let kind = self.scene.difference_kind(&self.setup.protocol);
-        let all = vec![true; self.setup.protocol.measurements()];
-        pipeline::tv::pixel_jacobian(&self.linearised, &self.raster, kind, &all)
+        let kind = self.scene.difference_kind(&self.chain.setup.protocol);
+        let all = vec![true; self.chain.setup.protocol.measurements()];
+        pipeline::tv::pixel_jacobian(&self.chain.linearised, &self.chain.raster, kind, &all)
     }
 
     /// Everything that the pairs depend on and that is not the skin, the seed or a count.
@@ -114,7 +87,7 @@ impl<'a> Workshop<'a> {
         format!(
             "{} of {} frames, {} symmetries, simulated on {NODES} nodes, {RECIPE}, fingers {:?}, \
              {:?}, {:?}",
-            self.method.name(),
+            self.chain.method.name(),
             self.frames,
             self.symmetries.len().max(1),
             self.fingers,
@@ -179,9 +152,10 @@ impl<'a> Workshop<'a> {
             // the inverse of a turn or mirror image is its transpose
             to_old = [[a, c], [b, d]];
         }
-        let (raw, data) = self.reconstruct(&values)?;
+        let chained = self.chain.reconstruct(&values)?;
+        let (data, raw) = (self.data(&chained)?, chained.images);
         let fine = &made.truth.conductivity_change_s;
-        let mask = self.raster.mask();
+        let mask = self.chain.raster.mask();
         let wanted = Array3::from_shape_fn(raw.dim(), |(f, r, c)| match mask[[r, c]] {
             true => self.true_mean(fine.index_axis(Axis(0), f), [r, c], to_old),
             false => f64::NAN,
@@ -193,7 +167,7 @@ impl<'a> Workshop<'a> {
 
     /// How a symmetry moves places.
     fn matrix(&self, symmetry: DiscSymmetry) -> [[f64; 2]; 2] {
-        let count = self.setup.mesh.electrodes().len() as u32;
+        let count = self.chain.setup.mesh.electrodes().len() as u32;
         let first = self.scene.electrodes.first_angle_deg.unwrap_or(0.0).to_radians();
         let clockwise = self.scene.electrodes.direction == Direction::Clockwise;
         symmetry.matrix(count, first, clockwise)
@@ -205,41 +179,13 @@ impl<'a> Workshop<'a> {
         matrices.filter_map(PixelTurn::of_matrix).collect()
     }
 
-    /// Images as `eit reconstruct` makes them of these frames, and their data.
-    fn reconstruct(&self, values: &Array2<f64>) -> Result<(Array3<f64>, ShardData), CliError> {
-        let scene = &of_sequence(self.scene);
-        let mut file =
-            tempfile::Builder::new().prefix(".eit-").suffix(".npy").tempfile().map_err(io)?;
-        write_npy(values, file.as_file_mut())?;
-        file.as_file_mut().flush().map_err(io)?;
-        let files = [file.path().to_path_buf()];
-        let (setup, linearised, raster) = (&self.setup, &self.linearised, &self.raster);
-        let mut frames = frames::load(scene, &setup.protocol, &files, None)?;
-        let kind = scene.difference_kind(&setup.protocol);
-        let voltages = linearised.voltages.to_vec();
-        let fit = frames.fit_model(&voltages, kind, scene.skin.conductivity_s)?;
-        let data = self.data(scene, &frames, fit.gain)?;
-        let mut silent = Progress::silent();
-        if self.method == Method::GaussNewton {
-            let imaging = pipeline::imaging(scene, setup, linearised, &frames, &mut silent)?;
-            return Ok((imaging.images(&frames, &mut silent)?.into_parts().0, data));
-        }
-        let parts = (setup, linearised, raster);
-        let movie =
-            pipeline::tv::reconstruct(scene, self.method, parts, (&frames, fit.gain), &mut silent)?;
-        Ok((raster.images_from_pixels(movie.pixels.view())?, data))
-    }
-
     /// Differences of frames from their reference, and their noise.
-    fn data(
-        &self,
-        scene: &Scene,
-        frames: &frames::Frames,
-        gain: f64,
-    ) -> Result<ShardData, CliError> {
-        let kind = scene.difference_kind(&self.setup.protocol);
-        let data = pipeline::difference_data(kind, &self.linearised);
-        let noise = pipeline::noise::known(scene, frames, (&data, gain))?
+    fn data(&self, made: &Chained) -> Result<ShardData, CliError> {
+        let Chain { scene, setup, linearised, .. } = &self.chain;
+        let frames = &made.frames;
+        let kind = scene.difference_kind(&setup.protocol);
+        let data = pipeline::difference_data(kind, linearised);
+        let noise = pipeline::noise::known(scene, frames, (&data, made.gain))?
             .ok_or_else(|| CliError::Failure("quiet frames without noise".to_owned()))?;
         let std = noise.std.iter().zip(&frames.used);
         let noise_std: Array1<f32> =
@@ -254,8 +200,8 @@ impl<'a> Workshop<'a> {
         [row, column]: [usize; 2],
         to_old: [[f64; 2]; 2],
     ) -> f64 {
-        let [x, y] = self.raster.centre_m(row, column);
-        let step = self.raster.pixel_m() / (2 * FINE) as f64;
+        let [x, y] = self.chain.raster.centre_m(row, column);
+        let step = self.chain.raster.pixel_m() / (2 * FINE) as f64;
         let (mut sum, mut count) = (0.0, 0);
         for i in 0..2 * FINE {
             for j in 0..2 * FINE {
@@ -270,18 +216,6 @@ impl<'a> Workshop<'a> {
         }
         // a pixel of the rim may lie off the other mesh
         if count == 0 { 0.0 } else { sum / f64::from(count) }
-    }
-}
-
-/// The scene with the frames of a sequence: quiet ones first.
-fn of_sequence(scene: &Scene) -> Scene {
-    Scene {
-        recording: Recording {
-            reference: Some(Reference::Text(format!("0..{QUIET}"))),
-            ..Default::default()
-        },
-        noise: Noise { quiet_frames: Some(Pair([0, QUIET - 1])), additive_v: None },
-        ..scene.clone()
     }
 }
 

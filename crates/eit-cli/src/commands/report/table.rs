@@ -1,6 +1,6 @@
 //! Tables of the report, written three ways.
 
-use super::super::markdown;
+use super::markdown;
 use serde_json::{Map, Value, json};
 
 /// A cell of a table.

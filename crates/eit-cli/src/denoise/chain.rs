@@ -1,0 +1,87 @@
+//! Images of simulated frames as `eit reconstruct` makes them of a recording.
+
+use crate::error::CliError;
+use crate::frames::{self, Frames};
+use crate::method::{self, Method};
+use crate::output::{io, write_npy};
+use crate::pipeline::{self, Linearised, Setup};
+use crate::progress::Progress;
+use crate::scene::{Noise, Pair, Recording, Reference, Scene};
+use eit_mesh::Raster;
+use ndarray::{Array2, Array3};
+use std::io::Write as _;
+
+/// What turns frames of a scene into images.
+pub(crate) struct Chain {
+    /// With the frames of a sequence: quiet ones first.
+    pub scene: Scene,
+    pub method: Method,
+    pub setup: Setup,
+    pub linearised: Linearised,
+    pub raster: Raster,
+}
+
+/// A sequence through the chain.
+pub(crate) struct Chained {
+    /// [frame, row, column], siemens.
+    pub images: Array3<f64>,
+    pub frames: Frames,
+    /// Factor from the model's voltages to the reference's.
+    pub gain: f64,
+}
+
+impl Chain {
+    /// For sequences of so many frames, of which the first `quiet` are reference and noise.
+    pub fn new(
+        scene: &Scene,
+        method: Option<&str>,
+        (count, quiet): (usize, usize),
+        progress: &mut Progress,
+    ) -> Result<Self, CliError> {
+        let scene = Scene {
+            recording: Recording {
+                reference: Some(Reference::Text(format!("0..{quiet}"))),
+                ..Default::default()
+            },
+            noise: Noise { quiet_frames: Some(Pair([0, quiet - 1])), additive_v: None },
+            ..scene.clone()
+        };
+        let method = method::choose(&scene, method, Some(count))?.method;
+        if !(method.is_tv() || method == Method::GaussNewton) {
+            return Err(CliError::input(format!(
+                "--method {}: a net learns from st-tv, tv or gauss-newton",
+                method.name()
+            )));
+        }
+        let setup = pipeline::setup(&scene, None, None, progress)?;
+        let raster = pipeline::raster(&scene, &setup, progress)?;
+        let linearised = pipeline::linearise(&scene, &setup, progress)?;
+        Ok(Self { scene, method, setup, linearised, raster })
+    }
+
+    /// Images of frames [frame, measurement].
+    pub fn reconstruct(&self, values: &Array2<f64>) -> Result<Chained, CliError> {
+        let (scene, setup, linearised) = (&self.scene, &self.setup, &self.linearised);
+        // the way of a recording, file included: what is trained is what will run
+        let mut file =
+            tempfile::Builder::new().prefix(".eit-").suffix(".npy").tempfile().map_err(io)?;
+        write_npy(values, file.as_file_mut())?;
+        file.as_file_mut().flush().map_err(io)?;
+        let files = [file.path().to_path_buf()];
+        let mut frames = frames::load(scene, &setup.protocol, &files, None)?;
+        let kind = scene.difference_kind(&setup.protocol);
+        let voltages = linearised.voltages.to_vec();
+        let gain = frames.fit_model(&voltages, kind, scene.skin.conductivity_s)?.gain;
+        let mut silent = Progress::silent();
+        let images = if self.method == Method::GaussNewton {
+            let imaging = pipeline::imaging(scene, setup, linearised, &frames, &mut silent)?;
+            imaging.images(&frames, &mut silent)?.into_parts().0
+        } else {
+            let parts = (setup, linearised, &self.raster);
+            let movie = (&frames, gain);
+            let made = pipeline::tv::reconstruct(scene, self.method, parts, movie, &mut silent)?;
+            self.raster.images_from_pixels(made.pixels.view())?
+        };
+        Ok(Chained { images, frames, gain })
+    }
+}
