@@ -42,16 +42,18 @@ fn error_by_definition(
     sum / inside().count() as f64
 }
 
-/// What errors count: one over the raw image's error plus a tenth of the mean of those.
-fn factors(pairs: &[(Array3<f64>, Array2<f64>)], mask: &Array2<bool>) -> Vec<f64> {
+/// What errors count: one over the raw image's error plus a fiftieth of the mean of those, which is
+/// taken in the images' own unit.
+fn factors(pairs: &[(Array3<f64>, Array2<f64>)], scales: &[f64], mask: &Array2<bool>) -> Vec<f64> {
     let of_raw = |(frames, wanted): &(Array3<f64>, Array2<f64>)| {
         let raw = frames.index_axis(Axis(0), frames.len_of(Axis(0)) - 1);
         let inside = || raw.iter().zip(wanted).zip(mask).filter(|(_, m)| **m);
         inside().map(|((v, w), _)| (v - w).powi(2)).sum::<f64>() / inside().count() as f64
     };
     let errors: Vec<f64> = pairs.iter().map(of_raw).collect();
-    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-    errors.iter().map(|e| 1.0 / (e + 0.1 * mean)).collect()
+    let own = errors.iter().zip(scales).map(|(e, s)| e * s * s);
+    let mean = own.sum::<f64>() / errors.len() as f64;
+    errors.iter().zip(scales).map(|(e, s)| 1.0 / (e + 0.02 * mean / (s * s))).collect()
 }
 
 /// Central differences of the definition in `f64` along random directions within each layer, step
@@ -70,6 +72,7 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
         let parameters = weights(shape, [pixels, pixels]).parameters;
         let (error, gradient) = error_and_gradient(shape, &parameters, &examples).unwrap();
         // the examples once more, in f64
+        let mut scales = Vec::new();
         let pairs: Vec<_> = (0..3)
             .map(|last| {
                 let seen = Array3::from_shape_fn((shape.history, pixels, pixels), |(k, r, c)| {
@@ -77,11 +80,12 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
                     f.map_or(0.0, |f| f64::from(shard.raw[[f, r, c]]))
                 });
                 let scale = seen.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+                scales.push(scale);
                 let wanted = shard.wanted.index_axis(Axis(0), last);
                 (seen / scale, wanted.mapv(|v| f64::from(v) / scale))
             })
             .collect();
-        let factors = factors(&pairs, &shard.mask);
+        let factors = factors(&pairs, &scales, &shard.mask);
         let error_of = |parameters: &[f64]| {
             let one = |((frames, wanted), factor): (&(Array3<f64>, Array2<f64>), &f64)| {
                 factor * error_by_definition(shape, parameters, (frames, wanted), &shard.mask)
@@ -148,27 +152,45 @@ fn training_lowers_the_error_of_the_net_that_runs() {
     let made = Denoiser::new(&weights, shard.mask.view()).unwrap().denoise(&raw).unwrap();
     let mut errors = Vec::new();
     for f in 0..12 {
-        let seen = shard.raw.slice_axis(Axis(0), (f.max(1) - 1..f + 1).into());
-        let scale = f64::from(seen.iter().fold(0.0_f32, |m, v| m.max(v.abs())));
         let mut inside = 0.0;
         let (mut net_sum, mut raw_sum) = (0.0, 0.0);
         for (place, _) in shard.mask.indexed_iter().filter(|(_, m)| **m) {
             let at = [f, place.0, place.1];
             let wanted = f64::from(shard.wanted[at]);
-            net_sum += ((made.values()[at] - wanted) / scale).powi(2);
-            raw_sum += ((raw.values()[at] - wanted) / scale).powi(2);
+            net_sum += (made.values()[at] - wanted).powi(2);
+            raw_sum += (raw.values()[at] - wanted).powi(2);
             inside += 1.0;
         }
         errors.push([net_sum / inside, raw_sum / inside]);
     }
     let mean_raw = errors.iter().map(|e| e[1]).sum::<f64>() / 12.0;
-    let part = |k: usize| errors.iter().map(|e| e[k] / (e[1] + 0.1 * mean_raw)).sum::<f64>() / 12.0;
+    let part =
+        |k: usize| errors.iter().map(|e| e[k] / (e[1] + 0.02 * mean_raw)).sum::<f64>() / 12.0;
     let (of_net, of_raw) = (part(0), part(1));
     let best = trainer.best().unwrap().held_out_error;
     assert!((of_net - best).abs() < 1e-4 * best, "{of_net} {best}");
     // raw images are half as large as wanted, and noisy: a net that may learn these frames
     // by heart must at least find the factor
     assert!(of_net < 0.1 * of_raw, "{of_net} {of_raw}");
+}
+
+/// Frames in which nothing touches are no examples, and do not change what the others count.
+#[test]
+fn quiet_frames_are_passed_over() {
+    let touched = shard(6, 16);
+    let alone = Examples::new(std::slice::from_ref(&touched), 1).unwrap();
+    let mut quiet = touched.clone();
+    for images in [&mut quiet.raw, &mut quiet.wanted] {
+        images.mapv_inplace(|v| 1e-3 * v);
+    }
+    let both = Examples::new(&[touched, quiet], 1).unwrap();
+    assert_eq!((alone.len(), both.len()), (6, 6));
+    let shape = UnetShape { history: 1, width: 2, depth: 1 };
+    let parameters = weights(shape, [16, 16]).parameters;
+    let error = |examples: &Examples| error_and_gradient(shape, &parameters, examples).unwrap().0;
+    // the mean over twice the frames is half as large: a fiftieth becomes a hundredth
+    let (alone, both) = (error(&alone), error(&both));
+    assert!(both > alone && both < 1.02 * alone, "{alone} {both}");
 }
 
 /// Learning from turned examples is learning from other ones: the curve differs, and a net that saw

@@ -7,8 +7,12 @@ use crate::unet::Example;
 use ndarray::{Array2, Axis};
 
 /// Part of the mean error of the raw images that is added to each one's own before dividing by it,
-/// so that frames which are nearly right already do not rule the sum.
-const FLOOR: f64 = 0.1;
+/// so that frames which are nearly right already do not rule the sum. A touch of a seventh of the
+/// usual strength still counts half.
+const FLOOR: f64 = 0.02;
+/// Examples whose raw error is below this part of the mean are passed over: they would count for
+/// less than a twentieth.
+const LEAST: f64 = 1e-3;
 
 /// Normalised pairs of one skin, each weighted by how wrong its raw image is.
 #[derive(Debug, Clone)]
@@ -37,9 +41,10 @@ impl Examples {
     /// with the frames before it in its shard (zero before the first), all divided by the largest
     /// raw value among them. Frames of which the net sees nothing but zero are passed over.
     ///
-    /// The mean squared error `e` of an example counts as `e / (r + 0.1 R)` with `r` that of its raw
-    /// image and `R` the mean of all `r`: what is learnt is the part of the raw image's error that is
-    /// left, a faint touch counting as much as a strong one.
+    /// The mean squared error `e` of an example counts as `e / (r + 0.02 R)` with `r` that of its raw
+    /// image and `R` the mean of all `r`, in the images' own unit: what is learnt is the part of the
+    /// raw image's error that is left, a faint touch counting nearly as much as a strong one. Frames
+    /// with `r` below a thousandth of `R`, in which nothing touches, are passed over.
     ///
     /// # Errors
     /// [`DenoiseError::NothingToLearn`] without a frame, [`DenoiseError::MaskMismatch`] between
@@ -54,13 +59,14 @@ impl Examples {
         let turns = vec![PixelTurn::default()];
         let (frames, wanted, weights) = (Vec::new(), Vec::new(), Vec::new());
         let mut made = Self { history, mask, frames, wanted, weights, turns };
+        let mut scales = Vec::new();
         for shard in shards {
-            made.take(shard)?;
+            made.take(shard, &mut scales)?;
         }
         if made.is_empty() {
             return Err(nothing());
         }
-        made.weigh();
+        made.weigh(&scales);
         Ok(made)
     }
 
@@ -83,26 +89,37 @@ impl Examples {
         Ok(self)
     }
 
-    /// Weights by the errors of the raw images.
-    fn weigh(&mut self) {
-        let pixels = self.mask.len();
+    /// Weights by the errors of the raw images, whose scales are given; drops what would not count.
+    fn weigh(&mut self, scales: &[f64]) {
+        let (seen, pixels) = (self.history * self.mask.len(), self.mask.len());
         let inside = self.mask.iter().filter(|inside| **inside).count().max(1) as f64;
-        let latest = (self.history - 1) * pixels;
-        let pairs = self.frames.chunks_exact(self.history * pixels);
-        let errors: Vec<f64> = pairs
-            .zip(self.wanted.chunks_exact(pixels))
-            .map(|(frames, wanted)| {
-                let off = frames[latest..].iter().zip(wanted).map(|(r, w)| f64::from(r - w));
-                off.map(|d| d * d).sum::<f64>() / inside
-            })
-            .collect();
-        let floor = FLOOR * errors.iter().sum::<f64>() / errors.len() as f64;
-        // raw images that are all right leave nothing to weigh by
-        let weight = |error: &f64| 1.0 / (error + floor).max(f64::from(f32::MIN_POSITIVE));
-        self.weights = errors.iter().map(|error| weight(error) as f32).collect();
+        let error = |frames: &[f32], wanted: &[f32]| {
+            let off = frames[seen - pixels..].iter().zip(wanted).map(|(r, w)| f64::from(r - w));
+            off.map(|d| d * d).sum::<f64>() / inside
+        };
+        let pairs = self.frames.chunks_exact(seen).zip(self.wanted.chunks_exact(pixels));
+        let errors: Vec<f64> = pairs.map(|(frames, wanted)| error(frames, wanted)).collect();
+        let own_unit = errors.iter().zip(scales).map(|(e, scale)| e * scale * scale);
+        let mean = own_unit.sum::<f64>() / errors.len() as f64;
+        let mut kept = 0;
+        for (k, (error, scale)) in errors.iter().zip(scales).enumerate() {
+            // the mean in the unit of this example
+            let mean = mean / (scale * scale);
+            if *error < LEAST * mean {
+                continue;
+            }
+            // raw images that are all right leave nothing to weigh by
+            let floor = (FLOOR * mean).max(f64::from(f32::MIN_POSITIVE));
+            self.weights.push((1.0 / (error + floor)) as f32);
+            self.frames.copy_within(k * seen..(k + 1) * seen, kept * seen);
+            self.wanted.copy_within(k * pixels..(k + 1) * pixels, kept * pixels);
+            kept += 1;
+        }
+        self.frames.truncate(kept * seen);
+        self.wanted.truncate(kept * pixels);
     }
 
-    fn take(&mut self, shard: &Shard) -> Result<(), DenoiseError> {
+    fn take(&mut self, shard: &Shard, scales: &mut Vec<f64>) -> Result<(), DenoiseError> {
         if shard.mask != self.mask {
             let pixels = self.mask.len();
             return Err(DenoiseError::MaskMismatch { differing: pixels, pixels });
@@ -115,6 +132,7 @@ impl Examples {
             if scale < f32::MIN_POSITIVE {
                 continue;
             }
+            scales.push(f64::from(scale));
             let before = (self.history - raw.dim().0) * self.mask.len();
             self.frames.extend(std::iter::repeat_n(0.0, before));
             self.frames.extend(raw.iter().map(|v| v / scale));
