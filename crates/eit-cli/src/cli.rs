@@ -275,12 +275,19 @@ pub(crate) struct TrainArgs {
     /// read.
     #[arg(long, value_name = "DIR")]
     pub base: Option<PathBuf>,
-    /// Sequences to simulate; every sixth, at least one, is held out.
+    /// Sequences to simulate, or recordings, turned by the skin's symmetries again and again until
+    /// there are so many; every sixth, at least one, is held out.
     #[arg(long, value_name = "N", default_value_t = 24)]
     pub sequences: usize,
     /// Frames of a sequence, 20 quiet ones included.
     #[arg(long, value_name = "N", default_value_t = 140)]
     pub frames: usize,
+    /// Learn from this recording of the real skin instead of simulated touches; more than once for
+    /// more. Nobody knows its truth: wanted images are the raw ones after the rule of Duan, Taurand
+    /// and Soleimani (2019), which takes out the ring along the rim, what is below 55 % of the
+    /// largest value, and blobs of fewer than 15 pixels. Reference and noise as in the scene.
+    #[arg(long, value_name = "F")]
+    pub recording: Vec<PathBuf>,
     /// Fingers of every sequence, 1 to 4 [default: one to four, two most often].
     #[arg(long, value_name = "N")]
     pub fingers: Option<usize>,

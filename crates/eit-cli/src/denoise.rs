@@ -9,7 +9,7 @@ pub(crate) use check::{Check, Checked};
 use crate::error::CliError;
 use crate::pipeline::DEFAULT_PIXELS;
 use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::scene::{Scene, TouchSign};
 use eit_denoise::{Denoiser, ImageStack, Threshold, Weights};
 use eit_mesh::Raster;
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
@@ -22,6 +22,8 @@ pub(crate) struct Net {
     weights: Weights,
     source: String,
     skin: String,
+    /// -1 where touches lower the conductivity: nets know touches that raise it.
+    sign: f64,
 }
 
 /// The net that `[denoise]` asks for; `None` without that section.
@@ -59,7 +61,8 @@ impl Net {
                 CliError::input(format!("{name}: {e} {how}"))
             })?;
         }
-        Ok(Self { weights, source: name.to_owned(), skin })
+        let sign = if scene.touch.sign == TouchSign::Decrease { -1.0 } else { 1.0 };
+        Ok(Self { weights, source: name.to_owned(), skin, sign })
     }
 
     /// Replaces images [frame, row, column] of a raster; with the measurements at hand, those that
@@ -72,9 +75,10 @@ impl Net {
         progress: &mut Progress,
     ) -> Result<Option<Checked>, CliError> {
         progress.stage("U-net", || {
-            let raw = ImageStack::new(images.clone(), raster.mask().clone())?;
+            let turned = |v: f64| self.sign * v;
+            let raw = ImageStack::new(images.mapv(turned), raster.mask().clone())?;
             let mut net = Denoiser::new(&self.weights, raster.mask().view())?;
-            let made = net.denoise(&raw)?.into_parts().0;
+            let made = net.denoise(&raw)?.into_parts().0.mapv_into(turned);
             let raw = std::mem::replace(images, made);
             let (Some(check), Some(limit)) = (check, self.weights.misfit_limit()) else {
                 return Ok(None);

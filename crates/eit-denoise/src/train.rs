@@ -21,6 +21,13 @@ use rand_pcg::Pcg64;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
+/// Steps over which the rate rises from zero. Without, the first steps at full rate can take every
+/// channel of a small net below zero, from where no derivative brings it back.
+const WARM_UP: f64 = 200.0;
+
+/// Biases before the first step.
+const FIRST_BIAS: f32 = 0.05;
+
 /// How to train.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainSettings {
@@ -33,7 +40,7 @@ pub struct TrainSettings {
     /// Examples of a step, from 1.
     pub batch: usize,
     /// Rate of Adam in the first epoch, above zero; it falls along half a cosine to a hundredth in
-    /// the last (Loshchilov and Hutter, ICLR 2017).
+    /// the last (Loshchilov and Hutter, ICLR 2017). Over the first 200 steps it rises from zero.
     pub rate: f64,
     /// Stop after so many epochs without a smaller error on the examples held out; 0: never.
     pub patience: usize,
@@ -195,7 +202,8 @@ impl Trainer {
                     *total += other;
                 }
             }
-            adam.step(&mut parameters, &total[0], rate);
+            let warm = ((adam.steps + 1) as f64 / WARM_UP).min(1.0);
+            adam.step(&mut parameters, &total[0], warm * rate);
             if progress(step + 1, steps).is_break() {
                 return Ok(None);
             }
@@ -246,17 +254,24 @@ impl Trainer {
     }
 }
 
-/// He's normal weights (He, Zhang, Ren and Sun, ICCV 2015), biases zero.
+/// He's normal weights (He, Zhang, Ren and Sun, ICCV 2015), the weights of each channel less their
+/// mean, and small positive biases. Inputs of a channel are positive parts, so that most of what it
+/// sees is their mean: a channel that happens to weigh it negatively would be zero on nearly the
+/// whole skin, and with few channels soon all of them, from where no derivative leads back.
 fn first_parameters(settings: &TrainSettings) -> Vec<f32> {
     let mut random = Pcg64::new(u128::from(settings.seed), 0);
     let mut parameters = Vec::with_capacity(settings.shape.parameters());
     for c in settings.shape.convolutions() {
-        let std = (2.0 / (c.inputs * c.side * c.side) as f64).sqrt();
-        for _ in 0..c.weights() {
-            let normal: f64 = StandardNormal.sample(&mut random);
-            parameters.push((std * normal) as f32);
+        let of_channel = c.inputs * c.side * c.side;
+        let std = (2.0 / of_channel as f64).sqrt();
+        for _ in 0..c.outputs {
+            let mut channel: Vec<f64> =
+                (0..of_channel).map(|_| StandardNormal.sample(&mut random)).collect();
+            let mean = channel.iter().sum::<f64>() / of_channel as f64;
+            channel.iter_mut().for_each(|w| *w = std * (*w - mean));
+            parameters.extend(channel.iter().map(|w| *w as f32));
         }
-        parameters.extend(std::iter::repeat_n(0.0, c.outputs));
+        parameters.extend(std::iter::repeat_n(FIRST_BIAS, c.outputs));
     }
     parameters
 }

@@ -2,7 +2,9 @@
 
 mod curve;
 mod motion;
-mod sequence;
+mod recorded;
+mod simulated;
+mod workshop;
 mod worth;
 
 use super::{Answer, ending};
@@ -16,13 +18,13 @@ use eit_denoise::{
     BaseSettings, Examples, LearningBase, PixelTurn, Shard, TrainSettings, TrainStatus, Trainer,
     UnetShape, Weights,
 };
-use sequence::Workshop;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
+use workshop::Workshop;
 
 /// One sequence of so many is held out.
 const HELD_OUT: usize = 6;
@@ -32,6 +34,9 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
     super::check_ending(&args.out, &["safetensors"])?;
     let settings = settings(args)?;
+    if !args.recording.is_empty() && args.fingers.is_some() {
+        return Err(CliError::input("--fingers: a recording has the fingers that it has"));
+    }
     if args.sequences < 2 {
         return Err(CliError::input("--sequences: at least 2, as one is held out"));
     }

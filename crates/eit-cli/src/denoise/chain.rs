@@ -13,7 +13,7 @@ use std::io::Write as _;
 
 /// What turns frames of a scene into images.
 pub(crate) struct Chain {
-    /// With the frames of a sequence: quiet ones first.
+    /// For a simulated sequence with its quiet frames.
     pub scene: Scene,
     pub method: Method,
     pub setup: Setup,
@@ -31,22 +31,26 @@ pub(crate) struct Chained {
 }
 
 impl Chain {
-    /// For sequences of so many frames, of which the first `quiet` are reference and noise.
+    /// With lengths: for simulated sequences of so many frames, of which the first so many are
+    /// reference and noise. Without: for recordings as the scene describes them.
     pub fn new(
         scene: &Scene,
         method: Option<&str>,
-        (count, quiet): (usize, usize),
+        lengths: Option<(usize, usize)>,
         progress: &mut Progress,
     ) -> Result<Self, CliError> {
-        let scene = Scene {
-            recording: Recording {
-                reference: Some(Reference::Text(format!("0..{quiet}"))),
-                ..Default::default()
+        let scene = match lengths {
+            None => scene.clone(),
+            Some((_, quiet)) => Scene {
+                recording: Recording {
+                    reference: Some(Reference::Text(format!("0..{quiet}"))),
+                    ..Default::default()
+                },
+                noise: Noise { quiet_frames: Some(Pair([0, quiet - 1])), additive_v: None },
+                ..scene.clone()
             },
-            noise: Noise { quiet_frames: Some(Pair([0, quiet - 1])), additive_v: None },
-            ..scene.clone()
         };
-        let method = method::choose(&scene, method, Some(count))?.method;
+        let method = method::choose(&scene, method, lengths.map(|(count, _)| count))?.method;
         if !(method.is_tv() || method == Method::GaussNewton) {
             return Err(CliError::input(format!(
                 "--method {}: a net learns from st-tv, tv or gauss-newton",
@@ -61,14 +65,18 @@ impl Chain {
 
     /// Images of frames [frame, measurement].
     pub fn reconstruct(&self, values: &Array2<f64>) -> Result<Chained, CliError> {
-        let (scene, setup, linearised) = (&self.scene, &self.setup, &self.linearised);
         // the way of a recording, file included: what is trained is what will run
         let mut file =
             tempfile::Builder::new().prefix(".eit-").suffix(".npy").tempfile().map_err(io)?;
         write_npy(values, file.as_file_mut())?;
         file.as_file_mut().flush().map_err(io)?;
         let files = [file.path().to_path_buf()];
-        let mut frames = frames::load(scene, &setup.protocol, &files, None)?;
+        self.reconstruct_frames(frames::load(&self.scene, &self.setup.protocol, &files, None)?)
+    }
+
+    /// Images of frames that were loaded.
+    pub fn reconstruct_frames(&self, mut frames: Frames) -> Result<Chained, CliError> {
+        let (scene, setup, linearised) = (&self.scene, &self.setup, &self.linearised);
         let kind = scene.difference_kind(&setup.protocol);
         let voltages = linearised.voltages.to_vec();
         let gain = frames.fit_model(&voltages, kind, scene.skin.conductivity_s)?.gain;

@@ -16,6 +16,7 @@ use ndarray::{Array2, Axis, concatenate};
 use std::path::{Path, PathBuf};
 
 /// Frames ready for reconstruction.
+#[derive(Debug, Clone)]
 pub(crate) struct Frames {
     /// [frame, measurement], volt (or the instrument's unit where it states none).
     pub values: Array2<f64>,

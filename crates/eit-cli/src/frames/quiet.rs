@@ -10,6 +10,7 @@ use ndarray::{Array2, Axis};
 const LEAST_FRAMES: usize = 3;
 
 /// Quiet frames.
+#[derive(Debug, Clone)]
 pub(crate) struct QuietFrames {
     /// [frame, measurement], in the unit of the frames; 0 in measurements that are not used.
     pub values: Array2<f64>,

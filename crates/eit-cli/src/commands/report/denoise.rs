@@ -47,7 +47,7 @@ pub(super) fn run(
     let load = |name: &String| Ok((name.clone(), Net::load(&scene, name, pixels, false)?));
     let nets: Vec<(String, Net)> =
         args.weights.iter().map(load).collect::<Result<_, CliError>>()?;
-    let chain = Chain::new(&scene, args.method.as_deref(), (100, QUIET), progress)?;
+    let chain = Chain::new(&scene, args.method.as_deref(), Some((100, QUIET)), progress)?;
     let sequences = sequences(&chain, args.quick, progress)?;
     let shown = progress.steps("images", sequences.len(), |bar| {
         let mut shown = Vec::new();

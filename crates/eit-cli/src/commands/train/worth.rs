@@ -1,6 +1,6 @@
 //! What a trained net is worth on sequences that it did not learn from.
 
-use super::sequence::Workshop;
+use super::workshop::Workshop;
 use crate::denoise::{Scores, scores};
 use crate::error::CliError;
 use eit_denoise::{Denoiser, Evidence, ImageStack, Misfit, Shard, ThresholdRule, Weights};
