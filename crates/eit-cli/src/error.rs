@@ -84,7 +84,13 @@ impl From<eit_denoise::DenoiseError> for CliError {
 
 impl From<eit_hw::HwError> for CliError {
     fn from(error: eit_hw::HwError) -> Self {
-        Self::Input(error.to_string())
+        match error {
+            eit_hw::HwError::Write { .. }
+            | eit_hw::HwError::Lost { .. }
+            | eit_hw::HwError::Overflow { .. }
+            | eit_hw::HwError::Identity { .. } => Self::Failure(error.to_string()),
+            _ => Self::Input(error.to_string()),
+        }
     }
 }
 

@@ -9,10 +9,13 @@
 
 mod cli;
 mod commands;
+mod connect;
 mod denoise;
 mod draw;
+mod emulated;
 mod error;
 mod frames;
+mod interrupt;
 mod method;
 mod output;
 mod picture;
@@ -20,6 +23,7 @@ mod pipeline;
 mod progress;
 mod scene;
 mod simulate;
+mod watch;
 
 use clap::Parser as _;
 use cli::{Cli, Command};
@@ -42,6 +46,13 @@ fn main() -> ExitCode {
         Command::Train(args) => commands::train::run(args),
         Command::Denoise(args) => commands::denoise::run(args),
         Command::Report(args) => commands::report::run(args),
+        Command::Devices(args) => commands::devices::run(args),
+        Command::Check(args) => commands::check::run(args),
+        Command::Record(args) => commands::record::run(args),
+        Command::Live(args) => commands::live::run(args, cli.json),
+        Command::Replay(args) => commands::replay::run(args, cli.json),
+        Command::Convert(args) => commands::convert::run(args),
+        Command::Emulate(args) => commands::emulate::run(args, cli.json),
     };
     match result {
         Ok(answer) if cli.json => say(&answer.json.to_string()),

@@ -7,13 +7,16 @@
 //! read back. docs/RECORDING.md has the schemas.
 
 mod read;
+mod stream;
 mod write;
 
 use std::sync::LazyLock;
 
+use serde::ser::SerializeStruct;
 use serde::{Deserialize, Serialize};
 
 pub use read::{Capture, Damage, parse, read};
+pub use stream::CaptureReader;
 pub use write::{CaptureSettings, CaptureWriter};
 
 use crate::driver::Setup;
@@ -139,8 +142,8 @@ pub struct TouchRecord {
     pub force_n: Option<f64>,
 }
 
-/// A frame as it is stored.
-#[derive(Serialize, Deserialize)]
+/// A frame as it is stored: what [`FrameJson`] writes.
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FrameRecord {
     sequence: u64,
@@ -149,15 +152,49 @@ struct FrameRecord {
     host_time_s: Option<f64>,
     /// JSON has no NaN: `null` stands for what is not finite.
     values: Vec<Option<f64>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     imaginary: Option<Vec<Option<f64>>>,
     /// Flags as bits; left out where all are good.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     quality: Option<Vec<u16>>,
 }
 
-fn finite(values: &[f64]) -> Vec<Option<f64>> {
-    values.iter().map(|&value| value.is_finite().then_some(value)).collect()
+/// A frame to be written, in place: nothing is copied.
+struct FrameJson<'a>(&'a Frame);
+
+impl Serialize for FrameJson<'_> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let frame = self.0;
+        let mut fields = serializer.serialize_struct("Frame", 7)?;
+        fields.serialize_field("sequence", &frame.sequence)?;
+        fields.serialize_field("epoch", &frame.epoch)?;
+        fields.serialize_field("device_time_s", &frame.device_time_s)?;
+        fields.serialize_field("host_time_s", &frame.host_time_s)?;
+        fields.serialize_field("values", &Finite(&frame.values))?;
+        if let Some(imaginary) = &frame.imaginary {
+            fields.serialize_field("imaginary", &Finite(imaginary))?;
+        }
+        if frame.quality.iter().any(|quality| !quality.is_good()) {
+            fields.serialize_field("quality", &Bits(&frame.quality))?;
+        }
+        fields.end()
+    }
+}
+
+struct Finite<'a>(&'a [f64]);
+
+impl Serialize for Finite<'_> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.0.iter().map(|&value| value.is_finite().then_some(value)))
+    }
+}
+
+struct Bits<'a>(&'a [Quality]);
+
+impl Serialize for Bits<'_> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.0.iter().map(|quality| quality.bits()))
+    }
 }
 
 fn or_nan(values: Vec<Option<f64>>) -> Vec<f64> {
@@ -165,20 +202,6 @@ fn or_nan(values: Vec<Option<f64>>) -> Vec<f64> {
 }
 
 impl FrameRecord {
-    fn of(frame: &Frame) -> Self {
-        let all_good = frame.quality.iter().all(|quality| quality.is_good());
-        Self {
-            sequence: frame.sequence,
-            epoch: frame.epoch,
-            device_time_s: frame.device_time_s,
-            host_time_s: frame.host_time_s,
-            values: finite(&frame.values),
-            imaginary: frame.imaginary.as_deref().map(finite),
-            quality: (!all_good)
-                .then(|| frame.quality.iter().map(|quality| quality.bits()).collect()),
-        }
-    }
-
     /// The frame; `None` where its parts have different lengths or a flag has no meaning.
     fn into_frame(self) -> Option<Frame> {
         let count = self.values.len();
@@ -232,10 +255,16 @@ impl Topic {
 }
 
 /// Something that was said.
-#[derive(Serialize, Deserialize)]
+#[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct NoteRecord {
     text: String,
+}
+
+/// A [`NoteRecord`] to be written.
+#[derive(Serialize)]
+struct NoteJson<'a> {
+    text: &'a str,
 }
 
 /// One message of a recording, in their order.
@@ -255,26 +284,6 @@ pub enum Entry {
 }
 
 impl Entry {
-    fn topic(&self) -> Topic {
-        match self {
-            Self::Session(_) => Topic::Session,
-            Self::Frame(_) => Topic::Frame,
-            Self::Reference(_) => Topic::Reference,
-            Self::Touches(_) => Topic::Touches,
-            Self::Note(_) => Topic::Note,
-        }
-    }
-
-    fn to_json(&self, json: &mut Vec<u8>) -> serde_json::Result<()> {
-        match self {
-            Self::Session(record) => serde_json::to_writer(json, record),
-            Self::Frame(frame) => serde_json::to_writer(json, &FrameRecord::of(frame)),
-            Self::Reference(record) => serde_json::to_writer(json, record),
-            Self::Touches(record) => serde_json::to_writer(json, record),
-            Self::Note(text) => serde_json::to_writer(json, &NoteRecord { text: text.clone() }),
-        }
-    }
-
     fn from_json(topic: Topic, json: &[u8]) -> Option<Self> {
         match topic {
             Topic::Session => serde_json::from_slice(json).ok().map(Self::Session),

@@ -5,8 +5,10 @@
 //! Each driver conforms to public sources and none was verified on hardware.
 
 mod eits1;
+mod heard;
 mod quality;
 mod queue;
+mod replay;
 mod sciospec;
 mod session;
 mod text;
@@ -14,6 +16,7 @@ mod text;
 pub use eits1::Eits1;
 pub use quality::Limits;
 pub use queue::{Overflow, Statistics};
+pub use replay::{Pace, Replay};
 pub use sciospec::{Gain, PairWidth, Polarity, Range, Sciospec, SciospecSettings};
 pub use session::{Backoff, Event, Session, SessionSettings};
 pub use text::{Board, Step};
@@ -21,7 +24,7 @@ pub use text::{Board, Step};
 use std::fmt;
 
 use crate::error::HwError;
-use crate::frame::Quality;
+use crate::frame::{Frame, Quality};
 use crate::recording::{Layout, Unit};
 use crate::transport::Link;
 
@@ -138,5 +141,56 @@ pub trait Driver: Send {
 /// # Errors
 /// [`HwError`] of the connection or the set-up.
 pub fn identify(driver: &mut dyn Driver, endpoint: &crate::Endpoint) -> Result<Setup, HwError> {
-    driver.connect(&mut Link::open(endpoint)?)
+    connect(driver, &mut Link::open(endpoint)?)
+}
+
+/// [`Driver::connect`], with an error that says what came instead of an answer.
+fn connect(driver: &mut dyn Driver, link: &mut Link) -> Result<Setup, HwError> {
+    link.listen();
+    let setup = driver.connect(link).map_err(|error| heard::explained(error, link));
+    link.heard();
+    setup
+}
+
+/// Where frames come from: an instrument, or a recording that is played.
+pub trait FrameSource {
+    /// Who it is and what it sends.
+    fn setup(&self) -> &Setup;
+
+    /// The next event; `None` where none came in time, or there is no more.
+    ///
+    /// # Errors
+    /// Once, why it has ended.
+    fn next_event(&mut self, timeout: std::time::Duration) -> Result<Option<Event>, HwError>;
+
+    /// Gives a frame's memory back.
+    fn recycle(&mut self, frame: Frame);
+
+    /// Counts so far.
+    fn statistics(&self) -> Statistics;
+
+    /// Whether no event will come any more.
+    fn is_over(&self) -> bool;
+}
+
+impl FrameSource for Session {
+    fn setup(&self) -> &Setup {
+        Session::setup(self)
+    }
+
+    fn next_event(&mut self, timeout: std::time::Duration) -> Result<Option<Event>, HwError> {
+        Session::next_event(self, timeout)
+    }
+
+    fn recycle(&mut self, frame: Frame) {
+        Session::recycle(self, frame);
+    }
+
+    fn statistics(&self) -> Statistics {
+        Session::statistics(self)
+    }
+
+    fn is_over(&self) -> bool {
+        Session::is_over(self)
+    }
 }

@@ -97,7 +97,7 @@ impl Emulator {
             .map_err(|source| HwError::Open {
                 endpoint: endpoint.to_string(),
                 source,
-                mend: "run fewer threads",
+                mend: "run fewer threads".into(),
             })?;
         Ok(Self { endpoint, quit, counters, thread: Some(thread) })
     }
@@ -146,12 +146,20 @@ fn run(
     while !quit.load(Ordering::Relaxed) {
         out.clear();
         let received = host.read(&mut buffer);
+        let wrong_rate =
+            faults.line_baud().zip(host.baud()).is_some_and(|(one, other)| one != other);
         counters.received.fetch_add(received as u64, Ordering::Relaxed);
         let now = start.elapsed();
+        if wrong_rate {
+            faults.garble(&mut buffer[..received]);
+        }
         if received > 0 {
             device.receive(&buffer[..received], now, &mut out);
         }
         device.poll(now, &mut out);
+        if wrong_rate {
+            faults.garble(&mut out);
+        }
         let effect = faults.damage(&mut out);
         counters.faults.fetch_add(effect.faults, Ordering::Relaxed);
         // while nobody listens, what is sent is gone
@@ -200,16 +208,17 @@ impl Pace {
         Self { period: Duration::from_secs_f64(period_s), next: now }
     }
 
-    /// Whether a frame is due; if so, the next one is a period later.
-    fn is_due(&mut self, now: Duration) -> bool {
+    /// When a frame is due that is; the next one is a period later. Several may be due at once.
+    fn due(&mut self, now: Duration) -> Option<Duration> {
         if now < self.next {
-            return false;
+            return None;
         }
+        let due = self.next;
         self.next += self.period;
         // a computer that slept does not send all at once
         if self.next + Duration::from_secs(1) < now {
             self.next = now;
         }
-        true
+        Some(due)
     }
 }

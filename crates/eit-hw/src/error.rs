@@ -397,7 +397,7 @@ pub enum HwError {
         /// What the system says.
         source: std::io::Error,
         /// What to try.
-        mend: &'static str,
+        mend: String,
     },
     /// A connection that broke while the instrument was set up.
     #[error("{endpoint}: connection lost: {source}; check cable and power")]
@@ -421,6 +421,20 @@ pub enum HwError {
         wanted: &'static str,
         /// For how long.
         waited_s: f64,
+    },
+    /// Bytes came, but not those of the driver's protocol.
+    #[error("{endpoint}: {bytes} bytes came, but no {wanted}: they are {what}; {mend}")]
+    NotUnderstood {
+        /// The port or address.
+        endpoint: String,
+        /// How many came last.
+        bytes: usize,
+        /// What was waited for.
+        wanted: &'static str,
+        /// What they look like.
+        what: String,
+        /// What to try.
+        mend: String,
     },
     /// The instrument refuses a command.
     #[error("{endpoint}: the instrument refuses to {command}: {reason}; change that setting")]

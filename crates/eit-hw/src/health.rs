@@ -9,10 +9,13 @@
 //! every reciprocal pair a reciprocal pair. So does swapping drives with measured pairs.
 
 mod check;
+mod live;
 
 pub use check::{
     ElectrodeHealth, Finding, HealthReport, Severity, StreamFacts, Trouble, Verdict, check_health,
 };
+
+pub use live::{Quiet, measure_quiet};
 
 use std::collections::HashMap;
 

@@ -1,17 +1,31 @@
 //! Bytes to and from an instrument: serial ports (feature `serial`) and TCP.
 
+mod advice;
+#[cfg(feature = "serial")]
+mod ports;
+
+#[cfg(feature = "serial")]
+pub use ports::{PortDescription, UsbDescription, serial_ports};
+
 use std::fmt;
 use std::io::{self, ErrorKind, Read, Write};
-use std::net::{TcpStream, ToSocketAddrs};
+use std::net::{SocketAddr, TcpStream, ToSocketAddrs};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use self::advice::advice;
 use crate::error::HwError;
 
 /// Longest wait of one read: so fast does a reader thread see that it should stop.
 const POLL: Duration = Duration::from_millis(20);
 /// Longest time a command may take to leave.
 const WRITE_LIMIT: Duration = Duration::from_secs(2);
-const CONNECT_LIMIT: Duration = Duration::from_secs(3);
+/// A TCP connection is tried so long, and so often: between two tries a stop is seen.
+const CONNECT_LIMIT: Duration = Duration::from_secs(1);
+const CONNECT_TRIES: usize = 3;
+/// Bytes that are kept of what came while an instrument was set up.
+const MOST_HEARD: usize = 4096;
 
 /// Where an instrument is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -74,6 +88,10 @@ impl<T: Read + Write + Send> Port for T {}
 pub struct Link {
     endpoint: Endpoint,
     port: Box<dyn Port>,
+    /// Waits end when it is set.
+    quit: Arc<AtomicBool>,
+    /// The last bytes that came, `None` where nobody wants to know.
+    heard: Option<Vec<u8>>,
 }
 
 impl fmt::Debug for Link {
@@ -88,17 +106,32 @@ impl Link {
     /// # Errors
     /// [`HwError::Open`] with what the system says and what to try.
     pub fn open(endpoint: &Endpoint) -> Result<Self, HwError> {
+        Self::open_until(endpoint, Arc::default())
+    }
+
+    /// As [`open`](Self::open); once `quit` is set, reads and waits end with [`HwError::Lost`].
+    pub(crate) fn open_until(endpoint: &Endpoint, quit: Arc<AtomicBool>) -> Result<Self, HwError> {
         let port = match endpoint {
             Endpoint::Serial { path, baud, dtr } => serial(path, *baud, *dtr),
-            Endpoint::Tcp { address } => tcp(address),
+            Endpoint::Tcp { address } => tcp(address, &quit),
         };
         match port {
-            Ok(port) => Ok(Self { endpoint: endpoint.clone(), port }),
+            Ok(port) => Ok(Self { endpoint: endpoint.clone(), port, quit, heard: None }),
             Err(source) => {
-                let mend = advice(endpoint, source.kind());
+                let mend = advice(endpoint, &source);
                 Err(HwError::Open { endpoint: endpoint.to_string(), source, mend })
             }
         }
+    }
+
+    /// Keeps what comes from now on, the last 4 KiB of it.
+    pub(crate) fn listen(&mut self) {
+        self.heard = Some(Vec::new());
+    }
+
+    /// What has come since [`listen`](Self::listen); no more is kept.
+    pub(crate) fn heard(&mut self) -> Vec<u8> {
+        self.heard.take().unwrap_or_default()
     }
 
     /// Where it leads.
@@ -111,9 +144,19 @@ impl Link {
     /// # Errors
     /// [`HwError::Lost`] once the other side is gone.
     pub fn read(&mut self, buffer: &mut [u8]) -> Result<usize, HwError> {
+        if self.quit.load(Ordering::Relaxed) {
+            return Err(self.lost(io::Error::new(ErrorKind::Interrupted, "stopped")));
+        }
         match self.port.read(buffer) {
             Ok(0) => Err(self.lost(io::Error::new(ErrorKind::UnexpectedEof, "closed"))),
-            Ok(count) => Ok(count),
+            Ok(count) => {
+                if let Some(heard) = &mut self.heard {
+                    heard.extend(&buffer[..count]);
+                    let old = heard.len().saturating_sub(MOST_HEARD);
+                    heard.drain(..old);
+                }
+                Ok(count)
+            }
             Err(error) if is_wait(&error) => Ok(0),
             Err(error) => Err(self.lost(error)),
         }
@@ -167,29 +210,31 @@ fn is_wait(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-fn advice(endpoint: &Endpoint, kind: ErrorKind) -> &'static str {
-    match (endpoint, kind) {
-        (_, ErrorKind::Unsupported) => "build eit-hw with its feature `serial`",
-        (Endpoint::Serial { .. }, ErrorKind::NotFound) => "plug it in, or name another port",
-        (Endpoint::Serial { .. }, ErrorKind::PermissionDenied) => {
-            "let your user use serial ports (on Linux: join the group `dialout`)"
-        }
-        (Endpoint::Serial { .. }, _) => "close other programs that use the port",
-        (Endpoint::Tcp { .. }, _) => "check the address, and that the instrument is on",
-    }
-}
-
-fn tcp(address: &str) -> io::Result<Box<dyn Port>> {
+fn tcp(address: &str, quit: &AtomicBool) -> io::Result<Box<dyn Port>> {
     let mut last = io::Error::new(ErrorKind::NotFound, "the name has no address");
-    for address in address.to_socket_addrs()? {
-        match TcpStream::connect_timeout(&address, CONNECT_LIMIT) {
-            Ok(stream) => {
-                stream.set_nodelay(true)?;
-                stream.set_read_timeout(Some(POLL))?;
-                stream.set_write_timeout(Some(POLL))?;
-                return Ok(Box::new(stream));
+    let addresses: Vec<SocketAddr> = address.to_socket_addrs()?.collect();
+    for _ in 0..CONNECT_TRIES {
+        let mut is_slow = false;
+        for address in &addresses {
+            if quit.load(Ordering::Relaxed) {
+                return Err(io::Error::new(ErrorKind::Interrupted, "stopped"));
             }
-            Err(error) => last = error,
+            match TcpStream::connect_timeout(address, CONNECT_LIMIT) {
+                Ok(stream) => {
+                    stream.set_nodelay(true)?;
+                    stream.set_read_timeout(Some(POLL))?;
+                    stream.set_write_timeout(Some(POLL))?;
+                    return Ok(Box::new(stream));
+                }
+                Err(error) => {
+                    is_slow |= error.kind() == ErrorKind::TimedOut;
+                    last = error;
+                }
+            }
+        }
+        // where nobody listens, nobody will in the next moment
+        if !is_slow {
+            break;
         }
     }
     Err(last)
@@ -211,60 +256,4 @@ fn serial(path: &str, baud: u32, dtr: Option<bool>) -> io::Result<Box<dyn Port>>
 #[cfg(not(feature = "serial"))]
 fn serial(_: &str, _: u32, _: Option<bool>) -> io::Result<Box<dyn Port>> {
     Err(io::Error::new(ErrorKind::Unsupported, "no serial ports in this build"))
-}
-
-/// A serial port of this computer.
-#[cfg(feature = "serial")]
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PortDescription {
-    /// Its path or name.
-    pub path: String,
-    /// USB vendor, product and serial number, where it is on USB and the system tells.
-    pub usb: Option<UsbDescription>,
-}
-
-/// What a USB device says about itself.
-#[cfg(feature = "serial")]
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct UsbDescription {
-    /// Vendor identifier.
-    pub vendor: u16,
-    /// Product identifier.
-    pub product: u16,
-    /// Serial number.
-    pub serial: Option<String>,
-    /// Maker and product as text.
-    pub name: Option<String>,
-}
-
-/// The serial ports of this computer, by name. Without libudev a Linux may list ports that have no
-/// hardware.
-///
-/// # Errors
-/// [`HwError::Open`] where the system does not list them.
-#[cfg(feature = "serial")]
-pub fn serial_ports() -> Result<Vec<PortDescription>, HwError> {
-    let listed = serialport::available_ports().map_err(|error| HwError::Open {
-        endpoint: "serial ports".into(),
-        source: error.into(),
-        mend: "name the port in the scene",
-    })?;
-    let usb = |kind: serialport::SerialPortType| match kind {
-        serialport::SerialPortType::UsbPort(usb) => Some(UsbDescription {
-            vendor: usb.vid,
-            product: usb.pid,
-            serial: usb.serial_number,
-            name: match (usb.manufacturer, usb.product) {
-                (Some(maker), Some(product)) => Some(format!("{maker} {product}")),
-                (maker, product) => maker.or(product),
-            },
-        }),
-        _ => None,
-    };
-    let mut ports: Vec<_> = listed
-        .into_iter()
-        .map(|port| PortDescription { path: port.port_name, usb: usb(port.port_type) })
-        .collect();
-    ports.sort_by(|one, other| one.path.cmp(&other.path));
-    Ok(ports)
 }

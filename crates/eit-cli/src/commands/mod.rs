@@ -1,15 +1,23 @@
 //! One file per command. A command returns what it found, as text and as JSON.
 
+pub(crate) mod check;
+pub(crate) mod convert;
 pub(crate) mod demo;
 pub(crate) mod denoise;
+pub(crate) mod devices;
+pub(crate) mod emulate;
 pub(crate) mod forward;
 pub(crate) mod jacobian;
+pub(crate) mod live;
 pub(crate) mod mesh;
 pub(crate) mod plan;
 pub(crate) mod reconstruct;
+pub(crate) mod record;
+pub(crate) mod replay;
 pub(crate) mod report;
 pub(crate) mod simulate;
 pub(crate) mod train;
+mod watched;
 
 use crate::error::CliError;
 use crate::pipeline;

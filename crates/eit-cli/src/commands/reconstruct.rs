@@ -2,7 +2,7 @@
 
 mod gauss_newton;
 mod total_variation;
-mod touches;
+pub(super) mod touches;
 
 pub(super) use gauss_newton::footnote;
 pub(crate) use total_variation::status_words as movie_status_words;
@@ -56,7 +56,6 @@ struct Task<'a> {
 /// Reads frames, reconstructs, draws, reports.
 pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
-    check_sections(&scene)?;
     pipeline::touches::check(&scene)?;
     // an unknown name is refused before anything is made
     method::choose(&scene, args.method.as_deref(), None)?;
@@ -111,7 +110,7 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let skin = draw::skin(&setup.mesh, &made.raster);
     let mut settings = picture_settings(&scene, made.footnote.clone(), frames.rate_hz);
     if let Some(found) = &found {
-        out.write("touches.csv", |w| touches::write_csv(found, w))?;
+        out.write("touches.csv", |w| touches::write_csv(&found.rows, w))?;
         settings.marks_m = found.marks(frames.values.nrows());
     }
     write_pictures(&mut out, made.images.view(), &skin, &settings, frames.rate_hz, &mut progress)?;
@@ -126,16 +125,6 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let text = format!("{line}\n{}", text(&task, &made, (choice.why, &notes), &out));
     out.commit(&["movie.gif", "hyperparameter.png", "touches.csv", "raw.npy"])?;
     Ok(Answer { text, json })
-}
-
-/// Sections of other versions.
-fn check_sections(scene: &Scene) -> Result<(), CliError> {
-    match &scene.instrument {
-        None => Ok(()),
-        Some(_) => Err(CliError::input(
-            "[instrument] is not in this version: take the section out of the scene",
-        )),
-    }
 }
 
 /// Title, footnote, labels.

@@ -82,6 +82,38 @@ pub(crate) fn load(
 ) -> Result<Frames, CliError> {
     let loaded = read(scene, protocol, &files_of(scene, files)?)?;
     let taken = reference::take(scene, protocol, &loaded, reference)?;
+    assemble(scene, protocol, loaded, taken)
+}
+
+/// Frames of an instrument during which nothing touched the skin: their mean is the reference.
+pub(crate) fn of_quiet(
+    scene: &Scene,
+    protocol: &Protocol,
+    mut frames: MeasuredFrames,
+) -> Result<Frames, CliError> {
+    frames.to_volts(drive_current_a(protocol));
+    frames.values *= scene.recording.scale.unwrap_or(1.0);
+    let taken = reference::of_quiet(&frames);
+    let (marked_reference, ordered_by_file, notes) = (None, false, Vec::new());
+    assemble(scene, protocol, Loaded { frames, marked_reference, ordered_by_file, notes }, taken)
+}
+
+/// What a value of a live instrument is multiplied by to be as those of [`of_quiet`].
+pub(crate) fn live_factor(scene: &Scene, protocol: &Protocol, unit: eit_hw::Unit) -> f64 {
+    let volts = match unit {
+        eit_hw::Unit::Ohm => drive_current_a(protocol),
+        eit_hw::Unit::Volt | eit_hw::Unit::Arbitrary => 1.0,
+    };
+    volts * scene.recording.scale.unwrap_or(1.0)
+}
+
+/// What is used, and why the rest is not.
+fn assemble(
+    scene: &Scene,
+    protocol: &Protocol,
+    loaded: Loaded,
+    taken: reference::Taken,
+) -> Result<Frames, CliError> {
     let mut notes = loaded.notes.clone();
     let count = loaded.frames.values.nrows();
     let mean = loaded.frames.mean_frame();

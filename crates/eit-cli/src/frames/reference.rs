@@ -4,7 +4,7 @@ use super::{Loaded, name_of, read};
 use crate::error::CliError;
 use crate::scene::{Reference, Scene};
 use eit_fem::Protocol;
-use eit_hw::Quality;
+use eit_hw::{MeasuredFrames, Quality};
 use ndarray::{Array2, Axis};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -70,6 +70,15 @@ pub(super) fn take(
         quality: loaded.frames.quality.slice_axis(Axis(0), range.into()).to_owned(),
     };
     Ok(Taken { values, good, source: words, frames, touched })
+}
+
+/// The mean of frames during which nothing touched the skin.
+pub(super) fn of_quiet(frames: &MeasuredFrames) -> Taken {
+    let count = frames.values.nrows();
+    let (values, good) = frames.mean_of(0..count);
+    let source = format!("the first {count} frames");
+    let frames = Measured { values: frames.values.clone(), quality: frames.quality.clone() };
+    Taken { values, good, source, frames, touched: false }
 }
 
 fn from_file(scene: &Scene, protocol: &Protocol, path: &Path) -> Result<Taken, CliError> {

@@ -17,7 +17,7 @@ pub(crate) enum ColorMap {
 
 impl ColorMap {
     /// The colour at `position`, 0 the lower end and 1 the upper; positions beyond are clamped.
-    pub(super) fn color(self, position: f64) -> Rgb {
+    pub(crate) fn color(self, position: f64) -> Rgb {
         let position = position.clamp(0.0, 1.0);
         match self {
             Self::CoolWarm => cool_warm(position),

@@ -11,8 +11,10 @@ use crate::scene::{DifferenceKind, Scene, TouchSign};
 use eit_inverse::metrics::{Cells, ChangeSign};
 use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
-    AdaptiveReference, Difference, HyperparameterChoice, NoiseTarget, ReferenceSettings,
+    AdaptiveReference, Difference, HyperparameterChoice, NoiseTarget, Reconstructor,
+    ReferenceSettings, Workspace,
 };
+use eit_mesh::Raster;
 
 /// Frames a second where nobody says.
 const DEFAULT_RATE_HZ: f64 = 20.0;
@@ -67,47 +69,118 @@ pub(crate) fn touches(
     (frames, gain): (&Frames, f64),
     progress: &mut Progress,
 ) -> Result<Option<Touches>, CliError> {
-    let kind = scene.difference_kind(&setup.protocol);
-    let data = difference_data(kind, linearised);
-    let Some(noise) = noise::known(scene, frames, (&data, gain))? else { return Ok(None) };
-    let imaging = detector(scene, (setup, linearised), (frames, &noise), progress)?;
     let rate_hz = frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
-    let settings = stream_settings(scene, rate_hz);
+    let finder = TouchFinder::new(scene, (setup, linearised), (frames, gain), rate_hz, progress)?;
+    let Some(mut finder) = finder else { return Ok(None) };
+    check_images(frames.values.nrows(), &finder.raster)?;
     progress.stage("touches", || {
-        let reconstructor = imaging.difference.on_raster(imaging.raster.pixel_from_element())?;
-        let floor = NoiseFloor::of_reconstruction(&reconstructor, &noise.std)?;
-        let cells = Cells::of_raster_on(&imaging.raster, setup.mesh.surface())?;
-        let mut stream = TouchStream::new(cells, floor, settings.clone())?;
-        let mut drift = Drift::new(scene, kind, frames, &noise)?;
-        let mut workspace = reconstructor.workspace();
-        let mut pixels = vec![0.0; imaging.raster.masked_pixels().len()];
         let mut rows = Vec::new();
-        let mut touched = false;
         for frame in 0..frames.values.nrows() {
             let time_s = frame as f64 / rate_hz;
             let values = frames.values.row(frame).to_vec();
-            let unusable = |&i: &usize| frames.used[i] && !frames.good[[frame, i]];
-            let bad: Vec<usize> = (0..frames.used.len()).filter(unusable).collect();
-            if bad.is_empty() {
-                drift.follow(&values, time_s, touched)?;
-            }
-            let memory = &mut workspace;
-            reconstructor
-                .reconstruct_without_into(&values, &drift.reference, &bad, memory, &mut pixels)
-                .map_err(|e| CliError::from(e).within(&format!("frame {frame}")))?;
-            let found = stream.push(&pixels, time_s)?;
-            touched = found.iter().any(|touch| touch.state != TouchState::End);
+            let good = frames.good.row(frame);
+            let found = finder
+                .push(&values, |i| good[i], time_s)
+                .map_err(|e| e.within(&format!("frame {frame}")))?;
             rows.extend(found.iter().map(|touch| (frame, time_s, *touch)));
         }
         Ok(Some(Touches {
             rows,
-            threshold: stream.threshold(),
-            effective_cells: stream.effective_cells(),
-            false_alarms_per_hour: settings.false_alarms_per_hour,
+            threshold: finder.stream.threshold(),
+            effective_cells: finder.stream.effective_cells(),
+            false_alarms_per_hour: finder.false_alarms_per_hour,
             rate_hz,
-            noise_source: noise.source.clone(),
+            noise_source: finder.noise_source,
         }))
     })
+}
+
+/// Finds touches frame by frame, recorded or live.
+pub(crate) struct TouchFinder {
+    /// Pixels of the images.
+    pub raster: Raster,
+    /// Where the noise came from.
+    pub noise_source: String,
+    used: Vec<bool>,
+    reconstructor: Reconstructor,
+    workspace: Workspace,
+    stream: TouchStream,
+    drift: Drift,
+    pixels: Vec<f64>,
+    bad: Vec<usize>,
+    touched: bool,
+    false_alarms_per_hour: f64,
+}
+
+impl TouchFinder {
+    /// For frames like these, at this rate; `None` where their noise is unknown. `gain` as in
+    /// [`noise::known`].
+    pub fn new(
+        scene: &Scene,
+        (setup, linearised): (&Setup, &Linearised),
+        (frames, gain): (&Frames, f64),
+        rate_hz: f64,
+        progress: &mut Progress,
+    ) -> Result<Option<Self>, CliError> {
+        let kind = scene.difference_kind(&setup.protocol);
+        let data = difference_data(kind, linearised);
+        let Some(noise) = noise::known(scene, frames, (&data, gain))? else { return Ok(None) };
+        let imaging = detector(scene, (setup, linearised), (frames, &noise), progress)?;
+        let settings = stream_settings(scene, rate_hz);
+        let reconstructor = imaging.difference.on_raster(imaging.raster.pixel_from_element())?;
+        let floor = NoiseFloor::of_reconstruction(&reconstructor, &noise.std)?;
+        let cells = Cells::of_raster_on(&imaging.raster, setup.mesh.surface())?;
+        let false_alarms_per_hour = settings.false_alarms_per_hour;
+        Ok(Some(Self {
+            noise_source: noise.source.clone(),
+            used: frames.used.clone(),
+            workspace: reconstructor.workspace(),
+            stream: TouchStream::new(cells, floor, settings)?,
+            drift: Drift::new(scene, kind, frames, &noise)?,
+            pixels: vec![0.0; imaging.raster.masked_pixels().len()],
+            bad: Vec::new(),
+            touched: false,
+            false_alarms_per_hour,
+            reconstructor,
+            raster: imaging.raster,
+        }))
+    }
+
+    /// Takes a frame; its touches.
+    pub fn push(
+        &mut self,
+        values: &[f64],
+        is_good: impl Fn(usize) -> bool,
+        time_s: f64,
+    ) -> Result<&[Touch], CliError> {
+        self.bad.clear();
+        self.bad.extend((0..self.used.len()).filter(|&i| self.used[i] && !is_good(i)));
+        if self.bad.is_empty() {
+            self.drift.follow(values, time_s, self.touched)?;
+        }
+        let (memory, reference) = (&mut self.workspace, &self.drift.reference);
+        self.reconstructor.reconstruct_without_into(
+            values,
+            reference,
+            &self.bad,
+            memory,
+            &mut self.pixels,
+        )?;
+        let found = self.stream.push(&self.pixels, time_s)?;
+        self.touched = found.iter().any(|touch| touch.state != TouchState::End);
+        Ok(found)
+    }
+
+    /// Change of conductivity at which a touch begins, the largest of all pixels, siemens.
+    pub fn level_s(&self) -> f64 {
+        let largest = self.stream.floor().std().iter().copied().fold(0.0, f64::max);
+        self.stream.threshold() * largest
+    }
+
+    /// The image of the last frame, a value for each pixel of the skin.
+    pub fn pixels(&self) -> &[f64] {
+        &self.pixels
+    }
 }
 
 /// Refuses a scene whose `[touch]` cannot be, before any work.
@@ -187,7 +260,6 @@ fn detector(
         Ok::<_, CliError>((difference, chosen))
     })?;
     let raster = raster(scene, setup, progress)?;
-    check_images(frames.values.nrows(), &raster)?;
     Ok(Imaging { difference, chosen, rule: "noise figure 1".to_owned(), raster, kind })
 }
 

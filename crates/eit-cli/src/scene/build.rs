@@ -7,7 +7,7 @@ use eit_mesh::{Mesh, MeshSettings, Placement, RimElectrodes, SkinShape};
 use std::path::Path;
 
 /// Drive current where the scene states none, ampere.
-const DEFAULT_CURRENT_A: f64 = 1e-4;
+pub(super) const DEFAULT_CURRENT_A: f64 = 1e-4;
 
 /// How a scene's mesh comes about.
 pub(crate) enum SceneMesh {

@@ -6,11 +6,13 @@
 mod build;
 mod builtin;
 mod check;
+mod instrument;
 mod parse;
 mod reconstruction;
 
 pub(crate) use build::SceneMesh;
 pub(crate) use builtin::NAMES as BUILT_IN;
+pub(crate) use instrument::{DriverKind, Instrument, InstrumentKeys};
 pub(crate) use parse::from_toml;
 pub(crate) use reconstruction::{
     Delta, DeltaRule, DifferenceKind, Hyperparameter, PriorKind, Reconstruction, Rule,
@@ -52,8 +54,8 @@ pub(crate) struct Scene {
     pub touch: TouchKeys,
     /// U-net.
     pub denoise: Option<DenoiseKeys>,
-    /// Live instrument; not in this version.
-    pub instrument: Option<toml::Table>,
+    /// Live instrument.
+    pub instrument: Option<InstrumentKeys>,
     /// Name for titles: the file's stem or the built-in name.
     #[serde(skip)]
     pub name: String,

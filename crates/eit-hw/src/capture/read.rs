@@ -1,32 +1,20 @@
-//! Reading of recordings, whole or cut.
+//! Recordings read as a whole.
 
-use std::collections::HashMap;
 use std::path::Path;
 
-use mcap::records::Record;
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use ndarray::Array2;
 
-use super::{Entry, MAGIC, SessionRecord, Topic};
+use super::{CaptureReader, Entry, SessionRecord};
 use crate::error::{HwError, Place};
 use crate::frame::{Frame, Quality};
 use crate::readers::Format;
 use crate::recording::{Layout, Recording, Unit};
 
-/// Longest chunk that is unpacked; the writer ends them above 1 MiB.
-const MOST_CHUNK_BYTES: u64 = 64 << 20;
-/// Opcode and length before each record.
-const RECORD_HEAD: usize = 9;
-const OP_CHUNK: u8 = 0x06;
-const OP_DATA_END: u8 = 0x0F;
-
 /// A recording that was read.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Capture {
     /// Every message, in the order of the file.
     pub entries: Vec<Entry>,
-    /// When each was logged, in nanoseconds since 1970.
-    pub(super) log_times_ns: Vec<u64>,
     /// What is missing.
     pub damage: Damage,
 }
@@ -131,9 +119,7 @@ impl Capture {
 /// # Errors
 /// [`HwError::Read`], and as [`parse`].
 pub fn read(path: &Path) -> Result<Capture, HwError> {
-    let bytes =
-        std::fs::read(path).map_err(|source| HwError::Read { place: Place::file(path), source })?;
-    parse(&bytes, path)
+    CaptureReader::open(path)?.collect()
 }
 
 /// The recording of these bytes; `path` is for messages. Chunks that are whole and right are read,
@@ -142,117 +128,5 @@ pub fn read(path: &Path) -> Result<Capture, HwError> {
 /// # Errors
 /// [`HwError::Empty`], and [`HwError::Container`] for what does not start as MCAP.
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Capture, HwError> {
-    if bytes.is_empty() {
-        return Err(HwError::Empty { place: Place::file(path) });
-    }
-    let start = bytes.len().min(MAGIC.len());
-    if bytes[..start] != MAGIC[..start] {
-        return Err(HwError::Container {
-            place: Place::file(path),
-            what: "is no MCAP file".into(),
-            mend: "set `[recording] format` to what it is",
-        });
-    }
-    let damage = Damage { unfinished: true, ..Damage::default() };
-    let mut capture = Capture { entries: Vec::new(), log_times_ns: Vec::new(), damage };
-    let mut channels = HashMap::new();
-    let mut rest = &bytes[start..];
-    while let Some((head, after)) = rest.split_first_chunk::<RECORD_HEAD>() {
-        let [op, length @ ..] = *head;
-        // what follows is the index, which repeats what is known
-        if op == OP_DATA_END {
-            capture.damage.unfinished = !bytes.ends_with(MAGIC) || bytes.len() < 2 * MAGIC.len();
-            return Ok(capture);
-        }
-        let length = usize::try_from(u64::from_le_bytes(length)).unwrap_or(usize::MAX);
-        let Some((body, next)) = after.split_at_checked(length) else { break };
-        if op == OP_CHUNK {
-            let record = &rest[..RECORD_HEAD + length];
-            if !chunk(record, body, &mut channels, &mut capture) {
-                capture.damage.bad_chunks += 1;
-            }
-        } else if let Ok(record) = mcap::parse_record(op, body) {
-            take(record, &mut channels, &mut capture);
-        }
-        rest = next;
-    }
-    capture.damage.cut_bytes = rest.len();
-    Ok(capture)
-}
-
-/// Takes the messages of a chunk, all or none; whether it was right.
-fn chunk(
-    record: &[u8],
-    body: &[u8],
-    channels: &mut HashMap<u16, Option<Topic>>,
-    capture: &mut Capture,
-) -> bool {
-    // after two times; a wrong length must not ask for all memory
-    let unpacked = body.get(16..24).and_then(|bytes| bytes.first_chunk::<8>());
-    if unpacked.is_none_or(|bytes| u64::from_le_bytes(*bytes) > MOST_CHUNK_BYTES) {
-        return false;
-    }
-    let options = LinearReaderOptions::default()
-        .with_skip_start_magic(true)
-        .with_skip_end_magic(true)
-        .with_prevalidate_chunk_crcs(true)
-        .with_record_length_limit(MOST_CHUNK_BYTES as usize);
-    let (mut reader, mut left) = (LinearReader::new_with_options(options), record);
-    let (entries, damage) = (capture.entries.len(), capture.damage);
-    let mut is_right = true;
-    while let Some(event) = reader.next_event() {
-        match event {
-            Ok(LinearReadEvent::ReadRequest(need)) => {
-                let (now, after) = left.split_at(need.min(left.len()));
-                reader.insert(now.len()).copy_from_slice(now);
-                reader.notify_read(now.len());
-                left = after;
-            }
-            Ok(LinearReadEvent::Record { opcode, data }) => {
-                match mcap::parse_record(opcode, data) {
-                    Ok(record) => take(record, channels, capture),
-                    Err(_) => is_right = false,
-                }
-            }
-            // a record alone has no end of file: only what came before it counts
-            Err(_) if left.is_empty() && capture.entries.len() > entries => break,
-            Err(_) => {
-                is_right = false;
-                break;
-            }
-        }
-    }
-    if !is_right {
-        capture.entries.truncate(entries);
-        capture.log_times_ns.truncate(entries);
-        capture.damage = damage;
-    }
-    is_right
-}
-
-fn take(record: Record<'_>, channels: &mut HashMap<u16, Option<Topic>>, capture: &mut Capture) {
-    match record {
-        Record::Channel(channel) => {
-            // others may have written topics of their own
-            let topic = Topic::ALL.into_iter().find(|topic| topic.name() == channel.topic);
-            channels.insert(channel.id, topic.filter(|_| channel.message_encoding == "json"));
-        }
-        Record::Message { header, data } => {
-            let topic = match channels.get(&header.channel_id) {
-                Some(Some(topic)) => Some(*topic),
-                // another program's
-                Some(None) => return,
-                // its channel was named in a chunk that is bad
-                None => None,
-            };
-            match topic.and_then(|topic| Entry::from_json(topic, &data)) {
-                Some(entry) => {
-                    capture.entries.push(entry);
-                    capture.log_times_ns.push(header.log_time);
-                }
-                None => capture.damage.bad_messages += 1,
-            }
-        }
-        _ => {}
-    }
+    CaptureReader::new(bytes, path)?.collect()
 }

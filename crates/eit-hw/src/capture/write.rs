@@ -1,14 +1,20 @@
 //! Writing of recordings.
 
 use std::fs::{File, OpenOptions};
-use std::io;
+use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions, Writer};
 
-use super::{Entry, NO_METADATA, ReferenceRecord, SessionRecord, Topic, TouchesRecord, container};
+use super::stream::CaptureReader;
+use super::{
+    Entry, FrameJson, MAGIC, NO_METADATA, NoteJson, ReferenceRecord, SessionRecord, Topic,
+    TouchesRecord, container,
+};
 use crate::error::{HwError, Place};
 use crate::frame::Frame;
 
@@ -36,9 +42,11 @@ impl Default for CaptureSettings {
 /// by going through it.
 pub struct CaptureWriter {
     // dropped first, so that the file ends before anything else
-    writer: Writer<File>,
+    writer: Writer<Sink>,
     /// The same file, for forcing.
     file: File,
+    /// Its length when it last ended with a whole chunk.
+    whole_bytes: u64,
     path: PathBuf,
     settings: CaptureSettings,
     channels: [u16; Topic::ALL.len()],
@@ -46,7 +54,34 @@ pub struct CaptureWriter {
     /// When the open chunk began.
     open_since: Option<Instant>,
     json: Vec<u8>,
+    /// Nothing is written any more: it is finished, or could not be written.
     finished: bool,
+}
+
+/// The end of a file. What begins every container is left out where it goes on with one.
+struct Sink {
+    file: File,
+    is_silent: Arc<AtomicBool>,
+}
+
+impl Write for Sink {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.is_silent.load(Ordering::Relaxed) {
+            Ok(bytes.len())
+        } else {
+            self.file.write(bytes)
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.file.flush()
+    }
+}
+
+impl Seek for Sink {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
+    }
 }
 
 impl CaptureWriter {
@@ -60,15 +95,18 @@ impl CaptureWriter {
         session: &SessionRecord,
         settings: CaptureSettings,
     ) -> Result<Self, HwError> {
+        check(settings)?;
         let file = OpenOptions::new().write(true).create_new(true).open(path);
-        let mut capture = Self::on(file, path, settings)?;
-        capture.write(&Entry::Session(session.clone()))?;
+        let file = file.map_err(|source| HwError::Write { place: Place::file(path), source })?;
+        let mut capture = Self::on(file, path, settings, false)?;
+        capture.session(session)?;
         capture.flush()?;
         Ok(capture)
     }
 
-    /// Goes on with a recording, also one that was cut by a crash: all that can be read of it is
-    /// copied to a new file beside it, which then takes its place. Reads the whole file.
+    /// Goes on with a recording, also one that was cut by a crash: its index and what is no whole
+    /// chunk are cut off its end. A recording that was gone on with is whole, but has no index:
+    /// tools read it from its beginning. Reads the whole file once, in little memory.
     ///
     /// # Errors
     /// As [`create`](Self::create) and [`read`](super::read).
@@ -77,41 +115,48 @@ impl CaptureWriter {
         session: &SessionRecord,
         settings: CaptureSettings,
     ) -> Result<Self, HwError> {
-        let before = super::read(path)?;
-        let mut name = path.as_os_str().to_owned();
-        name.push(".partial");
-        let partial = PathBuf::from(name);
-        let file = OpenOptions::new().write(true).create(true).truncate(true).open(&partial);
-        let mut capture = Self::on(file, &partial, settings)?;
-        for (entry, log_time) in before.entries.iter().zip(&before.log_times_ns) {
-            capture.write_at(entry, *log_time)?;
-        }
-        capture.write(&Entry::Session(session.clone()))?;
-        capture.flush()?;
+        check(settings)?;
+        let whole = CaptureReader::open(path)?.whole_bytes()?;
         let failed = |source| HwError::Write { place: Place::file(path), source };
-        capture.file.sync_data().map_err(failed)?;
-        std::fs::rename(&partial, path).map_err(failed)?;
-        capture.path = path.to_path_buf();
+        let mut file = OpenOptions::new().write(true).open(path).map_err(failed)?;
+        // not even its head was whole
+        let goes_on = whole > MAGIC.len() as u64;
+        let end = if goes_on { whole } else { 0 };
+        file.set_len(end).and_then(|()| file.seek(SeekFrom::Start(end))).map_err(failed)?;
+        let mut capture = Self::on(file, path, settings, goes_on)?;
+        capture.session(session)?;
+        capture.flush()?;
         Ok(capture)
     }
 
-    fn on(file: io::Result<File>, path: &Path, settings: CaptureSettings) -> Result<Self, HwError> {
-        if settings.flush_s.is_nan() || settings.flush_s <= 0.0 {
-            let value = settings.flush_s.to_string();
-            return Err(HwError::Setting { name: "flush_s", value, wanted: "more than 0" });
-        }
+    fn on(
+        mut file: File,
+        path: &Path,
+        settings: CaptureSettings,
+        goes_on: bool,
+    ) -> Result<Self, HwError> {
         let failed = |source| HwError::Write { place: Place::file(path), source };
-        let file = file.map_err(failed)?;
+        let whole_bytes = file.stream_position().map_err(failed)?;
         let same = file.try_clone().map_err(failed)?;
         let library = concat!("eit-hw ", env!("CARGO_PKG_VERSION"));
         // a chunk is put together in memory and written in one go: no seeking back
-        let options = WriteOptions::new()
+        let mut options = WriteOptions::new()
             .compression(Some(Compression::Lz4))
             .chunk_size(Some(1 << 20))
             .disable_seeking(true)
             .library(library);
+        if goes_on {
+            // an index and a checksum of a part would be taken for those of the whole
+            options = options
+                .emit_summary_records(false)
+                .emit_summary_offsets(false)
+                .calculate_data_section_crc(false);
+        }
         let error = |error| write_error(path, error);
-        let mut writer = options.create(file).map_err(error)?;
+        let is_silent = Arc::new(AtomicBool::new(goes_on));
+        let sink = Sink { file, is_silent: Arc::clone(&is_silent) };
+        let mut writer = options.create(sink).map_err(error)?;
+        is_silent.store(false, Ordering::Relaxed);
         let mut channels = [0; Topic::ALL.len()];
         for (topic, channel) in Topic::ALL.into_iter().zip(&mut channels) {
             let (name, text) = topic.schema();
@@ -122,6 +167,7 @@ impl CaptureWriter {
         Ok(Self {
             writer,
             file: same,
+            whole_bytes,
             path: path.to_path_buf(),
             settings,
             channels,
@@ -132,12 +178,18 @@ impl CaptureWriter {
         })
     }
 
-    /// Adds a frame.
+    /// Adds a frame. Once the buffers have grown, nothing is allocated but what the container needs
+    /// for a chunk.
     ///
     /// # Errors
     /// [`HwError::Write`].
     pub fn frame(&mut self, frame: &Frame) -> Result<(), HwError> {
-        self.write(&Entry::Frame(frame.clone()))
+        let log_time = match frame.host_time_s {
+            // when the frame came, not when it was written
+            Some(time_s) => Duration::try_from_secs_f64(time_s).unwrap_or_else(|_| now()),
+            None => now(),
+        };
+        self.add(Topic::Frame, log_time, |json| serde_json::to_writer(json, &FrameJson(frame)))
     }
 
     /// Adds a new session, after a reconnection with another set-up.
@@ -145,7 +197,7 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`].
     pub fn session(&mut self, session: &SessionRecord) -> Result<(), HwError> {
-        self.write(&Entry::Session(session.clone()))
+        self.add(Topic::Session, now(), |json| serde_json::to_writer(json, session))
     }
 
     /// Adds a reference frame.
@@ -153,7 +205,7 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`].
     pub fn reference(&mut self, reference: &ReferenceRecord) -> Result<(), HwError> {
-        self.write(&Entry::Reference(reference.clone()))
+        self.add(Topic::Reference, now(), |json| serde_json::to_writer(json, reference))
     }
 
     /// Adds touches.
@@ -161,7 +213,7 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`].
     pub fn touches(&mut self, touches: &TouchesRecord) -> Result<(), HwError> {
-        self.write(&Entry::Touches(touches.clone()))
+        self.add(Topic::Touches, now(), |json| serde_json::to_writer(json, touches))
     }
 
     /// Adds a note, such as that the instrument was unplugged.
@@ -169,7 +221,7 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`].
     pub fn note(&mut self, text: &str) -> Result<(), HwError> {
-        self.write(&Entry::Note(text.to_owned()))
+        self.add(Topic::Note, now(), |json| serde_json::to_writer(json, &NoteJson { text }))
     }
 
     /// Adds any entry.
@@ -177,23 +229,25 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`].
     pub fn write(&mut self, entry: &Entry) -> Result<(), HwError> {
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        let log_time_ns = match entry {
-            // when the frame came, not when it was written
-            Entry::Frame(Frame { host_time_s: Some(time_s), .. }) if *time_s >= 0.0 => {
-                Duration::try_from_secs_f64(*time_s).unwrap_or(now)
-            }
-            _ => now,
-        };
-        self.write_at(entry, u64::try_from(log_time_ns.as_nanos()).unwrap_or(u64::MAX))
+        match entry {
+            Entry::Session(session) => self.session(session),
+            Entry::Frame(frame) => self.frame(frame),
+            Entry::Reference(reference) => self.reference(reference),
+            Entry::Touches(touches) => self.touches(touches),
+            Entry::Note(text) => self.note(text),
+        }
     }
 
-    fn write_at(&mut self, entry: &Entry, log_time_ns: u64) -> Result<(), HwError> {
-        let index = entry.topic() as usize;
+    fn add(
+        &mut self,
+        topic: Topic,
+        log_time: Duration,
+        write: impl FnOnce(&mut Vec<u8>) -> serde_json::Result<()>,
+    ) -> Result<(), HwError> {
+        let index = topic as usize;
         self.json.clear();
-        entry
-            .to_json(&mut self.json)
-            .map_err(|error| container(Place::file(&self.path), &error))?;
+        write(&mut self.json).map_err(|error| container(Place::file(&self.path), &error))?;
+        let log_time_ns = u64::try_from(log_time.as_nanos()).unwrap_or(u64::MAX);
         let header = MessageHeader {
             channel_id: self.channels[index],
             sequence: self.counts[index],
@@ -201,11 +255,20 @@ impl CaptureWriter {
             publish_time: log_time_ns,
         };
         self.counts[index] = self.counts[index].wrapping_add(1);
-        self.writer
-            .write_to_known_channel(&header, &self.json)
-            .map_err(|error| write_error(&self.path, error))?;
+        let written = self.writer.write_to_known_channel(&header, &self.json);
+        self.checked(written)?;
         self.open_since.get_or_insert_with(Instant::now);
         self.tick()
+    }
+
+    /// After a failure, such as a full disk, the file is cut to its last whole chunk, and stays so.
+    fn checked<T>(&mut self, written: Result<T, McapError>) -> Result<T, HwError> {
+        written.map_err(|error| {
+            self.finished = true;
+            // where even that fails, a reader leaves the cut chunk out by itself
+            let _ = self.file.set_len(self.whole_bytes);
+            write_error(&self.path, error)
+        })
     }
 
     /// Writes the open chunk if it is old enough. Call it while no messages come, a few times a
@@ -226,11 +289,13 @@ impl CaptureWriter {
     /// [`HwError::Write`].
     pub fn flush(&mut self) -> Result<(), HwError> {
         self.open_since = None;
-        self.writer.flush().map_err(|error| write_error(&self.path, error))?;
+        let written = self.writer.flush();
+        self.checked(written)?;
+        let failed = |source| HwError::Write { place: Place::file(&self.path), source };
         if self.settings.sync {
-            let failed = |source| HwError::Write { place: Place::file(&self.path), source };
             self.file.sync_data().map_err(failed)?;
         }
+        self.whole_bytes = self.file.metadata().map_err(failed)?.len();
         Ok(())
     }
 
@@ -239,8 +304,10 @@ impl CaptureWriter {
     /// # Errors
     /// [`HwError::Write`].
     pub fn finish(mut self) -> Result<(), HwError> {
+        self.flush()?;
         self.finished = true;
-        self.writer.finish().map_err(|error| write_error(&self.path, error))?;
+        let written = self.writer.finish();
+        self.checked(written)?;
         self.file
             .sync_data()
             .map_err(|source| HwError::Write { place: Place::file(&self.path), source })
@@ -254,6 +321,18 @@ impl Drop for CaptureWriter {
             let _ = self.writer.finish();
         }
     }
+}
+
+fn now() -> Duration {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default()
+}
+
+fn check(settings: CaptureSettings) -> Result<(), HwError> {
+    if settings.flush_s.is_nan() || settings.flush_s <= 0.0 {
+        let value = settings.flush_s.to_string();
+        return Err(HwError::Setting { name: "flush_s", value, wanted: "more than 0" });
+    }
+    Ok(())
 }
 
 fn write_error(path: &Path, error: McapError) -> HwError {

@@ -140,6 +140,12 @@ impl Queue {
         self.news.notify_all();
     }
 
+    /// Whether the thread has ended and nothing is left to be told.
+    pub(super) fn is_over(&self) -> bool {
+        let state = self.state();
+        state.ended && state.end.is_none() && state.events.is_empty()
+    }
+
     /// The next event, waiting for it; `None` after `timeout`, or at once when the thread has ended
     /// and nothing is left.
     pub(super) fn next(&self, timeout: Duration) -> Result<Option<Event>, HwError> {

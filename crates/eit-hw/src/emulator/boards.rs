@@ -104,7 +104,7 @@ impl Device for BoardDevice {
             return;
         }
         let rate = self.frame_rate_hz;
-        if self.pace.get_or_insert_with(|| Pace::new(rate, now)).is_due(now) {
+        while self.pace.get_or_insert_with(|| Pace::new(rate, now)).due(now).is_some() {
             self.frame(out);
         }
     }

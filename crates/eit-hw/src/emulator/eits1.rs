@@ -16,6 +16,7 @@ pub struct Eits1Device {
     configuration: Option<Configuration>,
     quadruples: Vec<Quadruple>,
     values: Vec<f64>,
+    payload: Vec<u8>,
     /// Runs while frames are sent.
     pace: Option<Pace>,
     sequence: u64,
@@ -32,6 +33,7 @@ impl Eits1Device {
             configuration: None,
             quadruples: Vec::new(),
             values: Vec::new(),
+            payload: Vec::new(),
             pace: None,
             sequence: 0,
             announce: false,
@@ -116,17 +118,9 @@ impl Device for Eits1Device {
         if std::mem::take(&mut self.announce) {
             send(Kind::Information, 0, 0, 0, &self.information.to_bytes(), out);
         }
-        if !self.pace.as_mut().is_some_and(|pace| pace.is_due(now)) {
-            return;
+        while let Some(due) = self.pace.as_mut().and_then(|pace| pace.due(now)) {
+            self.frame(due, out);
         }
-        (self.source)(self.sequence, &self.quadruples, &mut self.values);
-        let payload: Vec<u8> =
-            self.values.iter().flat_map(|&value| (value as f32).to_le_bytes()).collect();
-        let complex = if self.information.complex { flags::COMPLEX } else { 0 };
-        let time_us = now.as_micros() as u64;
-        let sequence = self.sequence as u32;
-        send(Kind::Frame, sequence, time_us, flags::CALIBRATED | complex, &payload, out);
-        self.sequence += 1;
     }
 
     fn power_cycle(&mut self) {
@@ -134,5 +128,18 @@ impl Device for Eits1Device {
         self.configuration = None;
         self.pace = None;
         self.announce = true;
+    }
+}
+
+impl Eits1Device {
+    fn frame(&mut self, now: Duration, out: &mut Vec<u8>) {
+        (self.source)(self.sequence, &self.quadruples, &mut self.values);
+        self.payload.clear();
+        self.payload.extend(self.values.iter().flat_map(|&value| (value as f32).to_le_bytes()));
+        let complex = if self.information.complex { flags::COMPLEX } else { 0 };
+        let time_us = now.as_micros() as u64;
+        let sequence = self.sequence as u32;
+        send(Kind::Frame, sequence, time_us, flags::CALIBRATED | complex, &self.payload, out);
+        self.sequence += 1;
     }
 }

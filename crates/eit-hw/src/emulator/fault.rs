@@ -25,6 +25,10 @@ pub struct FaultPlan {
     pub unplug_after_bytes: Vec<u64>,
     /// It is plugged in again after so long.
     pub unplugged_s: f64,
+    /// Rate of the instrument's serial line in bits a second: a host that opens the
+    /// pseudo-terminal with another one sends and receives garbage. `None`: any rate will do, as
+    /// with USB.
+    pub line_baud: Option<u32>,
 }
 
 impl FaultPlan {
@@ -79,6 +83,16 @@ impl Faults {
 
     pub(super) fn unplugged(&self) -> Duration {
         Duration::from_secs_f64(self.plan.unplugged_s)
+    }
+
+    /// The rate of the instrument's line.
+    pub(super) fn line_baud(&self) -> Option<u32> {
+        self.plan.line_baud
+    }
+
+    /// What a receiver of another rate makes of bytes.
+    pub(super) fn garble(&mut self, bytes: &mut [u8]) {
+        bytes.iter_mut().for_each(|byte| *byte ^= (self.draw() >> 56) as u8);
     }
 
     /// SplitMix64 (Steele, Lea and Flood 2014).

@@ -56,7 +56,11 @@ impl Host {
             #[cfg(all(unix, feature = "serial"))]
             Listen::PseudoTerminal(link) => link.display().to_string(),
         };
-        opened.map_err(|source| HwError::Open { endpoint: name, source, mend: "name another one" })
+        opened.map_err(|source| HwError::Open {
+            endpoint: name,
+            source,
+            mend: "name another one".into(),
+        })
     }
 
     pub(super) fn endpoint(&self) -> Endpoint {
@@ -75,6 +79,18 @@ impl Host {
             Self::Tcp { stream, .. } => stream.is_some(),
             #[cfg(all(unix, feature = "serial"))]
             Self::Terminal { open, .. } => *open,
+        }
+    }
+
+    /// The rate with which the host has opened the line; `None` where there is none.
+    pub(super) fn baud(&self) -> Option<u32> {
+        match self {
+            Self::Tcp { .. } => None,
+            #[cfg(all(unix, feature = "serial"))]
+            Self::Terminal { master, open, .. } => {
+                use serialport::SerialPort;
+                master.as_ref().filter(|_| *open).and_then(|master| master.baud_rate().ok())
+            }
         }
     }
 

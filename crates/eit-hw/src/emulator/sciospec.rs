@@ -217,8 +217,8 @@ impl Device for SciospecDevice {
             self.decoder.reset();
             encode(TAG_SYSTEM, &[Code::Timeout.byte()], out);
         }
-        if self.pace.as_mut().is_some_and(|pace| pace.is_due(now)) {
-            self.frame(now, out);
+        while let Some(due) = self.pace.as_mut().and_then(|pace| pace.due(now)) {
+            self.frame(due, out);
         }
     }
 

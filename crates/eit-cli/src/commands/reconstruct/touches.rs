@@ -3,7 +3,7 @@
 use crate::error::CliError;
 use crate::output::io;
 use crate::pipeline::touches::Touches;
-use eit_inverse::touch::TouchState;
+use eit_inverse::touch::{Touch, TouchState};
 use serde_json::{Value, json};
 use std::io::Write;
 
@@ -12,9 +12,12 @@ const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,area_m2,intensity,confid
                       vx,vy,valid";
 
 /// One row for each touch of each frame.
-pub(super) fn write_csv(touches: &Touches, out: &mut dyn Write) -> Result<(), CliError> {
+pub(in crate::commands) fn write_csv(
+    rows: &[(usize, f64, Touch)],
+    out: &mut dyn Write,
+) -> Result<(), CliError> {
     writeln!(out, "{HEADER}").map_err(io)?;
-    for (frame, time_s, touch) in &touches.rows {
+    for (frame, time_s, touch) in rows {
         let state = match touch.state {
             TouchState::Begin => "begin",
             TouchState::Hold => "hold",

@@ -85,6 +85,10 @@ impl Assembly {
         let Some(drive) = self.drives.iter().position(same) else {
             return on_found(Found::Damaged { bytes: 1 });
         };
+        // one frequency is set up; some models call it 0
+        if data.frequency_row.is_some_and(|row| row > 1) {
+            return on_found(Found::Damaged { bytes: 1 });
+        }
         let group = usize::from(data.group) - 1;
         if group >= self.groups {
             return;

@@ -1,0 +1,112 @@
+//! `eit check`: is the instrument fit for use, and what to try where it is not.
+
+use super::Answer;
+use crate::cli::CheckArgs;
+use crate::connect;
+use crate::error::CliError;
+use crate::progress::Progress;
+use crate::scene::Scene;
+use eit_hw::driver::{Overflow, Statistics};
+use eit_hw::{HealthReport, Quiet, Severity, Verdict, measure_quiet};
+use serde_json::{Value, json};
+use std::time::Duration;
+
+/// Takes quiet frames and judges them.
+pub(crate) fn run(args: &CheckArgs) -> Result<Answer, CliError> {
+    if !(args.seconds > 0.0 && args.seconds <= 3600.0) {
+        let message = format!("--seconds {}: it must be above 0, to 3600", args.seconds);
+        return Err(CliError::input(message));
+    }
+    let scene = Scene::load(&args.scene)?;
+    let instrument = scene.instrument()?;
+    let mut progress = Progress::default();
+    let mut session = progress.stage("connect", || {
+        connect::open(&scene, &instrument, args.port.as_deref(), Overflow::Fail)
+    })?;
+    let limit = Duration::from_secs_f64(args.seconds);
+    let quiet = progress
+        .stage("measure: touch nothing", || measure_quiet(&mut session, args.frames, limit))?;
+    let statistics = session.statistics();
+    session.stop();
+    let found = quiet.frames.values.nrows();
+    let report = quiet.check(&instrument.quadruples).map_err(|error| {
+        CliError::Failure(format!(
+            "{found} frames came within {} s, {} bytes in all: {error}",
+            args.seconds, statistics.bytes
+        ))
+    })?;
+    let name = session.setup().identity.to_string();
+    Ok(Answer {
+        text: text(&name, &report, &quiet, &statistics),
+        json: to_json(&name, &report, &quiet, &statistics),
+    })
+}
+
+fn verdict(report: &HealthReport) -> &'static str {
+    match report.verdict() {
+        Verdict::Good => "good",
+        Verdict::Usable => "usable",
+        Verdict::Faulty => "faulty",
+    }
+}
+
+fn severity(severity: Severity) -> &'static str {
+    match severity {
+        Severity::Warning => "warning",
+        Severity::Fault => "fault",
+    }
+}
+
+fn text(name: &str, report: &HealthReport, quiet: &Quiet, statistics: &Statistics) -> String {
+    let number = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "unknown".to_owned(), |value| format!("{value:.digits$}"))
+    };
+    let mut lines = vec![
+        format!("{name}: {}", verdict(report)),
+        format!(
+            "{} frames at {} Hz, {} lost, {} bytes damaged; signal to noise {} dB, reciprocity \
+             error {}",
+            quiet.frames.values.nrows(),
+            number(report.frame_rate_hz, 2),
+            quiet.facts.lost_frames,
+            statistics.damaged_bytes,
+            number(report.signal_to_noise_db, 1),
+            number(report.reciprocity, 3),
+        ),
+    ];
+    let findings = report.findings.iter();
+    lines.extend(findings.map(|finding| format!("{}: {finding}", severity(finding.severity))));
+    if report.findings.is_empty() {
+        lines.push("nothing is wrong".to_owned());
+    }
+    lines.extend(quiet.notices.iter().map(|notice| format!("it said: {notice}")));
+    lines.join("\n")
+}
+
+fn to_json(name: &str, report: &HealthReport, quiet: &Quiet, statistics: &Statistics) -> Value {
+    let findings: Vec<Value> = report
+        .findings
+        .iter()
+        .map(|finding| {
+            json!({
+                "severity": severity(finding.severity),
+                // as people count, like in the text
+                "electrode": finding.electrode.map(|electrode| electrode + 1),
+                "what": finding.to_string(),
+                "try": finding.advice(),
+            })
+        })
+        .collect();
+    json!({
+        "instrument": name,
+        "verdict": verdict(report),
+        "frames": quiet.frames.values.nrows(),
+        "frame_rate_hz": report.frame_rate_hz,
+        "lost_frames": quiet.facts.lost_frames,
+        "damaged_bytes": statistics.damaged_bytes,
+        "signal_to_noise_db": report.signal_to_noise_db,
+        "reciprocity_error": report.reciprocity,
+        "findings": findings,
+        "notices": quiet.notices,
+    })
+}

@@ -1,0 +1,159 @@
+//! `eit convert`: recordings to and from tables of numbers.
+
+use super::{Answer, check_ending};
+use crate::cli::ConvertArgs;
+use crate::error::CliError;
+use crate::output::{OutFile, write_csv, write_npy};
+use crate::scene::Scene;
+use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
+use eit_hw::{Component, Frame, Layout, Quadruple, Recording};
+use ndarray::Array2;
+use serde_json::json;
+
+/// Frames as they are written.
+struct Table {
+    real: Array2<f64>,
+    imaginary: Option<Array2<f64>>,
+    quality: Array2<eit_hw::Quality>,
+    /// Electrodes of each value; empty: not named.
+    quadruples: Vec<Quadruple>,
+}
+
+/// Reads any recording and writes it in the format of the ending.
+pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
+    let ending = check_ending(&args.out, &["mcap", "csv", "npy"])?;
+    if ending == "mcap" && args.out.exists() {
+        let message = "exists, and a recording is never written over: name another file";
+        return Err(CliError::input(format!("{}: {message}", args.out.display())));
+    }
+    let scene = args.scene.as_deref().map(Scene::load).transpose()?;
+    let mut options = eit_hw::ReadOptions::default();
+    options.complex = args.complex;
+    let recording = eit_hw::read_recording(&args.input, None, &options)?;
+    let table = table(&recording, scene.as_ref())?;
+    let mut notes: Vec<String> = recording.notes.iter().map(ToString::to_string).collect();
+    let (written, skipped) = match ending.as_str() {
+        "mcap" => (write_mcap(args, &recording, &table)?, 0),
+        format => write_table(args, &table, format)?,
+    };
+    let flagged = table.quality.iter().filter(|quality| !quality.is_good()).count();
+    if ending != "mcap" && flagged > 0 {
+        notes.push(format!("{flagged} flagged values: a table has no flags"));
+    }
+    if skipped > 0 {
+        notes.push(format!("{skipped} frames left out: a value is not finite"));
+    }
+    let complex = table.imaginary.is_some();
+    if complex && ending != "mcap" {
+        notes.push(
+            "real and imaginary parts alternate: read it with [recording] complex = true".into(),
+        );
+    }
+    let count = table.real.ncols();
+    let mut text = format!("{written} frames of {count} values in {}", args.out.display());
+    for note in &notes {
+        text += &format!("\nnote: {note}");
+    }
+    let json = json!({
+        "file": args.out.display().to_string(),
+        "frames": written,
+        "values": count,
+        "complex": complex,
+        "flagged_values": flagged,
+        "skipped_frames": skipped,
+        "notes": notes,
+    });
+    Ok(Answer { text, json })
+}
+
+/// The frames as recorded, or in the order of a scene's protocol.
+fn table(recording: &Recording, scene: Option<&Scene>) -> Result<Table, CliError> {
+    let Some(scene) = scene else {
+        return Ok(Table {
+            real: recording.real.clone(),
+            imaginary: recording.imaginary.clone(),
+            quality: recording.quality.clone(),
+            quadruples: match &recording.layout {
+                Layout::Quadruples(quadruples) => quadruples.clone(),
+                Layout::AsScene => Vec::new(),
+                Layout::Potentials { .. } => {
+                    return Err(CliError::input(format!(
+                        "{}: holds potentials of electrodes: give --scene, whose protocol says \
+                         which differences are wanted",
+                        recording.path.display()
+                    )));
+                }
+            },
+        });
+    };
+    let mesh = scene.mesh(None)?;
+    let electrodes = match mesh.electrodes() {
+        Some(count) => count,
+        None => mesh.build()?.electrodes().len(),
+    };
+    let protocol = scene.protocol(electrodes)?;
+    let part =
+        |component| recording.frames_for(protocol.quadruples(), protocol.measurements(), component);
+    let real = part(Component::Real)?;
+    let imaginary = match recording.imaginary.is_some() {
+        true => Some(part(Component::Imaginary)?.values),
+        false => None,
+    };
+    let quadruples = protocol.quadruples().map_or_else(Vec::new, <[_]>::to_vec);
+    Ok(Table { real: real.values, imaginary, quality: real.quality, quadruples })
+}
+
+fn write_mcap(args: &ConvertArgs, recording: &Recording, table: &Table) -> Result<usize, CliError> {
+    let session = SessionRecord {
+        driver: "file".into(),
+        instrument: recording.format.to_string(),
+        unit: recording.unit.into(),
+        quadruples: table.quadruples.clone(),
+        current_a: recording.current_a,
+        frequency_hz: recording.frequency_hz,
+        recorder: concat!("eit ", env!("CARGO_PKG_VERSION")).to_owned(),
+        ..SessionRecord::default()
+    };
+    let settings = CaptureSettings::default();
+    let mut writer = CaptureWriter::create(&args.out, &session, settings)
+        .map_err(|error| CliError::input(error.to_string()))?;
+    for row in 0..table.real.nrows() {
+        writer.frame(&Frame {
+            values: table.real.row(row).to_vec(),
+            imaginary: table.imaginary.as_ref().map(|parts| parts.row(row).to_vec()),
+            quality: table.quality.row(row).to_vec(),
+            sequence: row as u64,
+            epoch: 0,
+            device_time_s: recording.device_time_s.as_ref().map(|times| times[row]),
+            host_time_s: None,
+        })?;
+    }
+    writer.finish()?;
+    Ok(table.real.nrows())
+}
+
+/// Frames written, and frames left out.
+fn write_table(
+    args: &ConvertArgs,
+    table: &Table,
+    format: &str,
+) -> Result<(usize, usize), CliError> {
+    let parts = |row: usize| {
+        let real = table.real.row(row).to_vec();
+        let imaginary = table.imaginary.as_ref().map(|parts| parts.row(row).to_vec());
+        match imaginary {
+            None => real,
+            Some(imaginary) => real.iter().zip(&imaginary).flat_map(|(&x, &y)| [x, y]).collect(),
+        }
+    };
+    let rows: Vec<Vec<f64>> = (0..table.real.nrows()).map(parts).collect();
+    let finite: Vec<&Vec<f64>> =
+        rows.iter().filter(|row| row.iter().all(|value| value.is_finite())).collect();
+    let width = rows.first().map_or(0, Vec::len);
+    let values = Array2::from_shape_fn((finite.len(), width), |(i, j)| finite[i][j]);
+    OutFile::new(&args.out)?.write(|out| match format {
+        "npy" => write_npy(&values, out),
+        _ => write_csv(values.view(), out),
+    })?;
+    Ok((finite.len(), rows.len() - finite.len()))
+}

@@ -1,0 +1,43 @@
+//! `eit live`: touches of a live instrument as they happen.
+
+use super::watched::{Viewer, answer};
+use super::{Answer, record};
+use crate::cli::LiveArgs;
+use crate::connect;
+use crate::error::CliError;
+use crate::progress::Progress;
+use crate::scene::Scene;
+use crate::watch::Model;
+use eit_hw::capture::{CaptureSettings, CaptureWriter};
+use eit_hw::driver::{FrameSource, Overflow};
+
+/// Watches until Ctrl-C, the end of `--seconds` or enough frames.
+pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Answer, CliError> {
+    let limit = record::duration(args.seconds)?;
+    let scene = Scene::load(&args.scene)?;
+    let instrument = scene.instrument()?;
+    let mut progress = Progress::default();
+    let model = Model::new(scene, args.watch.quiet, &mut progress)?;
+    let mut viewer = Viewer::new(&model, &args.watch, limit, !is_json)?;
+    // a recording must not lose a frame; a view wants the present
+    let overflow = match args.record {
+        Some(_) => Overflow::Fail,
+        None => Overflow::KeepLatest,
+    };
+    let mut session = progress.stage("connect", || {
+        connect::open(&model.scene, &instrument, args.port.as_deref(), overflow)
+    })?;
+    if let Some(place) = &args.record {
+        let record = connect::session_record(&model.scene, &instrument, &session)?;
+        let settings = CaptureSettings::default();
+        let writer = CaptureWriter::create(place, &record, settings)
+            .map_err(|error| CliError::input(error.to_string()))?;
+        viewer.record(writer);
+    }
+    let summary = model.watch(&mut session, true, &mut viewer);
+    session.stop();
+    let statistics = FrameSource::statistics(&session);
+    let name = session.setup().identity.to_string();
+    let files = viewer.finish()?;
+    Ok(answer(&name, &summary?, &statistics, &files))
+}

@@ -1,0 +1,159 @@
+//! `eit record`: a live instrument into a crash-safe recording.
+
+use super::Answer;
+use crate::cli::RecordArgs;
+use crate::connect;
+use crate::error::CliError;
+use crate::interrupt::Interrupt;
+use crate::progress::Progress;
+use crate::scene::Scene;
+use eit_hw::capture::{CaptureSettings, CaptureWriter};
+use eit_hw::driver::{Event, Overflow, Session};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// So often it is looked whether to end.
+const WAIT: Duration = Duration::from_millis(50);
+
+/// Records until enough frames came, the time is over, or Ctrl-C.
+pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
+    let limit = duration(args.seconds)?;
+    let place = &args.out;
+    super::check_ending(place, &["mcap"])?;
+    if place.exists() && !args.append {
+        return Err(CliError::input(format!(
+            "{}: exists, and a recording is never written over: name another file, or go on with \
+             it by --append",
+            place.display()
+        )));
+    }
+    let scene = Scene::load(&args.scene)?;
+    let instrument = scene.instrument()?;
+    let interrupt = Interrupt::listen()?;
+    let mut progress = Progress::default();
+    let mut session = progress.stage("connect", || {
+        connect::open(&scene, &instrument, args.port.as_deref(), Overflow::Fail)
+    })?;
+    let record = connect::session_record(&scene, &instrument, &session)?;
+    let settings = CaptureSettings { sync: args.sync, ..CaptureSettings::default() };
+    let mut writer = match place.exists() {
+        true => CaptureWriter::append(place, &record, settings)?,
+        false => CaptureWriter::create(place, &record, settings).map_err(unwritable)?,
+    };
+    if let Some(note) = &args.note {
+        writer.note(note)?;
+    }
+    let mut taken = Taken::default();
+    let ended = progress.steps("recording; Ctrl-C ends it", 0, |bar| {
+        let start = Instant::now();
+        while taken.frames < args.frames.unwrap_or(u64::MAX)
+            && limit.is_none_or(|limit| start.elapsed() < limit)
+            && !interrupt.is_set()
+        {
+            if session.is_over() {
+                break;
+            }
+            taken.next(&session, &mut writer)?;
+            if taken.frames % 16 == 0 {
+                bar.set_message(format!("{} frames; Ctrl-C ends it", taken.frames));
+            }
+        }
+        Ok(interrupt.is_set())
+    });
+    session.stop();
+    let interrupted = ended.map_err(|error| stopped(error, place, taken.frames))?;
+    writer.finish().map_err(|error| stopped(error.into(), place, taken.frames))?;
+    Ok(answer(place, &session, &taken, interrupted))
+}
+
+/// A place that cannot be written to is bad input, other than a disk that gets full.
+fn unwritable(error: eit_hw::HwError) -> CliError {
+    CliError::input(error.to_string())
+}
+
+/// `--seconds` as a time.
+pub(super) fn duration(seconds: Option<f64>) -> Result<Option<Duration>, CliError> {
+    let time = |s: f64| Duration::try_from_secs_f64(s).ok().filter(|time| !time.is_zero());
+    match seconds.map(time) {
+        None => Ok(None),
+        Some(Some(time)) => Ok(Some(time)),
+        Some(None) => {
+            let message = format!("--seconds {}: it must be above 0", seconds.unwrap_or_default());
+            Err(CliError::input(message))
+        }
+    }
+}
+
+/// What was recorded so far.
+#[derive(Default)]
+pub(super) struct Taken {
+    pub(super) frames: u64,
+    notes: u64,
+}
+
+impl Taken {
+    /// Waits for an event and records it.
+    fn next(&mut self, session: &Session, writer: &mut CaptureWriter) -> Result<(), CliError> {
+        match session.next_event(WAIT)? {
+            Some(Event::Frame(frame)) => {
+                writer.frame(&frame)?;
+                self.frames += 1;
+                session.recycle(frame);
+            }
+            Some(other) => {
+                if let Some(words) = connect::words(&other) {
+                    writer.note(&words)?;
+                    self.notes += 1;
+                }
+            }
+            None => writer.tick()?,
+        }
+        Ok(())
+    }
+}
+
+/// What went wrong, and what is left of the recording.
+fn stopped(error: CliError, place: &Path, frames: u64) -> CliError {
+    let left = match eit_hw::capture::CaptureReader::open(place) {
+        Ok(mut reader) => {
+            let mut whole = 0_u64;
+            while let Ok(Some(entry)) = reader.next_entry() {
+                whole += u64::from(matches!(entry, eit_hw::capture::Entry::Frame(_)));
+            }
+            format!("{} holds {whole} of the {frames} frames that came", place.display())
+        }
+        Err(_) => format!("{} is not readable", place.display()),
+    };
+    CliError::Failure(format!("the recording has stopped: {error}; {left}"))
+}
+
+fn answer(place: &Path, session: &Session, taken: &Taken, interrupted: bool) -> Answer {
+    let statistics = session.statistics();
+    let bytes = std::fs::metadata(place).map_or(0, |data| data.len());
+    let text = format!(
+        "{} frames of {} in {}, {:.1} kB a frame; {} lost, {} with flagged values, {} damaged \
+         bytes, {} reconnections",
+        taken.frames,
+        session.setup().identity,
+        place.display(),
+        1e-3 * bytes as f64 / taken.frames.max(1) as f64,
+        statistics.lost,
+        statistics.flagged,
+        statistics.damaged_bytes,
+        statistics.reconnections
+    );
+    let json: Value = json!({
+        "file": place.display().to_string(),
+        "bytes": bytes,
+        "instrument": session.setup().identity.to_string(),
+        "frames": taken.frames,
+        "notes": taken.notes,
+        "lost": statistics.lost,
+        "flagged": statistics.flagged,
+        "damaged_bytes": statistics.damaged_bytes,
+        "reconnections": statistics.reconnections,
+        "interrupted": interrupted,
+    });
+    Answer { text, json }
+}

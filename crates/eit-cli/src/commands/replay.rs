@@ -1,0 +1,66 @@
+//! `eit replay`: a recording played as if it were live.
+
+use super::Answer;
+use super::watched::{Viewer, answer};
+use crate::cli::ReplayArgs;
+use crate::error::CliError;
+use crate::progress::Progress;
+use crate::scene::Scene;
+use crate::watch::Model;
+use eit_hw::Frame;
+use eit_hw::HwError;
+use eit_hw::driver::{Event, FrameSource, Pace, Replay, Setup, Statistics};
+use std::time::Duration;
+
+/// Watches to the end of the recording, Ctrl-C or enough frames.
+pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> {
+    let scene = Scene::load(&args.scene)?;
+    let mut progress = Progress::default();
+    let model = Model::new(scene, args.watch.quiet, &mut progress)?;
+    let protocol = &model.setup.protocol;
+    let quadruples = protocol.quadruples().ok_or_else(|| {
+        CliError::input("[protocol] has general current patterns, which no recording names")
+    })?;
+    let pace = args.speed.map_or(Pace::AsAsked, Pace::Times);
+    let mut replay = Replay::open(&args.from, Some(quadruples), pace)?;
+    let mut viewer = Viewer::new(&model, &args.watch, None, !is_json)?;
+    let name = replay.setup().identity.to_string();
+    let (summary, statistics) = if args.step {
+        let mut stepped = Stepped(replay);
+        (model.watch(&mut stepped, false, &mut viewer), stepped.statistics())
+    } else {
+        (model.watch(&mut replay, false, &mut viewer), replay.statistics())
+    };
+    let files = viewer.finish()?;
+    Ok(answer(&name, &summary?, &statistics, &files))
+}
+
+/// A replay that waits for a line on stdin before each frame; the end of stdin lets it run.
+struct Stepped(Replay);
+
+impl FrameSource for Stepped {
+    fn setup(&self) -> &Setup {
+        self.0.setup()
+    }
+
+    fn next_event(&mut self, timeout: Duration) -> Result<Option<Event>, HwError> {
+        let event = self.0.next_event(timeout)?;
+        if let Some(Event::Frame(_)) = &event {
+            // a stdin that cannot be read is at its end
+            let _ = std::io::stdin().read_line(&mut String::new());
+        }
+        Ok(event)
+    }
+
+    fn recycle(&mut self, frame: Frame) {
+        self.0.recycle(frame);
+    }
+
+    fn statistics(&self) -> Statistics {
+        self.0.statistics()
+    }
+
+    fn is_over(&self) -> bool {
+        self.0.is_over()
+    }
+}

@@ -1,0 +1,329 @@
+//! The instrument of a scene as a program: what it measures, and the device that sends it.
+
+use crate::error::CliError;
+use crate::pipeline;
+use crate::progress::Progress;
+use crate::scene::{DriverKind, Instrument, Scene};
+use eit_fem::{ForwardModel, Protocol};
+use eit_hw::codec::eits1::Information;
+use eit_hw::emulator::{BoardDevice, Device, Eits1Device, SciospecDevice};
+use eit_hw::{Layout, Quadruple, Unit};
+use ndarray::Array2;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use std::collections::{HashMap, VecDeque};
+use std::path::Path;
+
+/// Noise of the untouched skin where the scene states none, as a part of the median voltage: 80 dB.
+const DEFAULT_NOISE: f64 = 1e-4;
+/// Highest frame rate that an emulated EITS-1 instrument agrees to.
+const MOST_RATE_HZ: f32 = 10_000.0;
+/// What an instrument is that is told apart by nothing else.
+const NAME: &str = "emulated skin";
+
+/// Voltages that the device sends over and over, [frame, value of the device].
+struct Played {
+    real: Array2<f64>,
+    imaginary: Option<Array2<f64>>,
+    noise: f64,
+    random: Pcg64,
+}
+
+impl Played {
+    /// Value `index` of frame `number`.
+    fn at(&mut self, number: u64, index: usize) -> [f64; 2] {
+        let row = (number % self.real.nrows() as u64) as usize;
+        let noise = match self.noise > 0.0 {
+            true => self.noise * Distribution::<f64>::sample(&StandardNormal, &mut self.random),
+            false => 0.0,
+        };
+        let imaginary = self.imaginary.as_ref().map_or(0.0, |parts| parts[[row, index]]);
+        [self.real[[row, index]] + noise, imaginary]
+    }
+}
+
+/// What is sent.
+pub(crate) struct Content<'a> {
+    /// Frames of the scene's protocol, played over and over; `None`: the untouched skin by the
+    /// scene's own model, with noise.
+    pub frames: Option<&'a Path>,
+    /// Serial number.
+    pub serial: &'a str,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+/// The device that the scene's driver talks to.
+pub(crate) fn device(
+    scene: &Scene,
+    instrument: &Instrument,
+    content: &Content<'_>,
+    progress: &mut Progress,
+) -> Result<Box<dyn Device>, CliError> {
+    let wanted = quadruples(instrument);
+    let played = match content.frames {
+        Some(file) => from_file(scene, instrument, &wanted, file)?,
+        None => from_model(scene, instrument, &wanted, content.seed, progress)?,
+    };
+    match &instrument.kind {
+        DriverKind::Eits1 => Ok(eits1(instrument, content.serial, played)),
+        DriverKind::Sciospec(_) => sciospec(instrument, content.serial, played),
+        DriverKind::Board(board) => {
+            // what the driver multiplies by is divided by here
+            let unit = match board.unit {
+                Unit::Volt => 1.0,
+                Unit::Ohm => instrument.current_a,
+                Unit::Arbitrary => scene.recording.scale.unwrap_or(1.0),
+            };
+            Ok(text_board(board, instrument, unit, played))
+        }
+    }
+}
+
+/// Measurements whose voltages the device needs: those it sends, and of a Sciospec instrument each
+/// potential against that of electrode 0.
+fn quadruples(instrument: &Instrument) -> Vec<Quadruple> {
+    match &instrument.kind {
+        DriverKind::Eits1 => instrument.quadruples.clone(),
+        DriverKind::Sciospec(settings) => {
+            let others = 1..settings.electrodes;
+            let drives = settings.drives.iter();
+            drives.flat_map(|&[a, b]| others.clone().map(move |e| [a, b, e, 0])).collect()
+        }
+        DriverKind::Board(board) => match &board.layout {
+            Layout::Quadruples(quadruples) => quadruples.clone(),
+            _ => instrument.quadruples.clone(),
+        },
+    }
+}
+
+fn from_model(
+    scene: &Scene,
+    instrument: &Instrument,
+    wanted: &[Quadruple],
+    seed: u64,
+    progress: &mut Progress,
+) -> Result<Played, CliError> {
+    let mesh = progress.stage("mesh", || scene.mesh(None)?.build())?;
+    let electrodes = mesh.electrodes().len();
+    let protocol = Protocol::from_quadruples(electrodes, wanted, instrument.current_a)
+        .map_err(|e| mismatch(scene, instrument, &e.to_string()))?;
+    let impedance = scene.contact_impedance(electrodes)?;
+    let model = ForwardModel::new(&mesh, &protocol, &impedance)?;
+    let background = vec![scene.skin.conductivity_s; model.elements()];
+    let voltages = progress.stage("voltages", || {
+        let mut workspace = model.workspace()?;
+        let mut solution = model.solve(&background, &mut workspace)?;
+        pipeline::certain(&solution.report())?;
+        Ok::<_, CliError>(solution.measurements())
+    })?;
+    let mut sizes: Vec<f64> = voltages.iter().map(|v| v.abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    let median = sizes.get(sizes.len() / 2).copied().unwrap_or_default();
+    Ok(Played {
+        real: voltages.insert_axis(ndarray::Axis(0)),
+        imaginary: None,
+        noise: scene.noise.additive_v.unwrap_or(DEFAULT_NOISE * median),
+        random: Pcg64::new(u128::from(seed), 0x0a02_bdbf_7bb3_c0a7),
+    })
+}
+
+/// Frames of a file in the scene's protocol, as voltages of the wanted measurements.
+fn from_file(
+    scene: &Scene,
+    instrument: &Instrument,
+    wanted: &[Quadruple],
+    file: &Path,
+) -> Result<Played, CliError> {
+    let recording = eit_hw::read_recording(file, None, &eit_hw::ReadOptions::default())?;
+    let (own, count) = (Some(&instrument.quadruples[..]), instrument.quadruples.len());
+    let scale = scene.recording.scale.unwrap_or(1.0);
+    let part = |component| {
+        let mut frames = recording.frames_for(own, count, component)?;
+        frames.to_volts(instrument.current_a);
+        frames.values *= scale;
+        // a value that was not measured cannot be sent
+        frames.values.mapv_inplace(|value| if value.is_finite() { value } else { 0.0 });
+        arranged(&instrument.quadruples, &frames.values, wanted)
+            .map_err(|why| mismatch(scene, instrument, &why))
+    };
+    let real = part(eit_hw::Component::Real)?;
+    let imaginary = match recording.imaginary.is_some() {
+        true => Some(part(eit_hw::Component::Imaginary)?),
+        false => None,
+    };
+    Ok(Played { real, imaginary, noise: 0.0, random: Pcg64::new(0, 0) })
+}
+
+fn mismatch(scene: &Scene, instrument: &Instrument, why: &str) -> CliError {
+    CliError::input(format!(
+        "the protocol of {} is not what the instrument \"{}\" measures: {why}; change [protocol] or \
+         instrument.driver",
+        scene.place,
+        instrument.driver_name()
+    ))
+}
+
+/// Differences of potentials that follow from those that were measured, under each drive. The
+/// potential of a driven electrode of which nothing was measured is set beyond all others, as it is
+/// on a real skin: above where current enters, below where it leaves.
+fn arranged(
+    own: &[Quadruple],
+    values: &Array2<f64>,
+    wanted: &[Quadruple],
+) -> Result<Array2<f64>, String> {
+    let mut by_drive: HashMap<[u32; 2], Vec<(usize, [u32; 2], f64)>> = HashMap::new();
+    for (index, &[a, b, m, n]) in own.iter().enumerate() {
+        let sign = if a < b { 1.0 } else { -1.0 };
+        by_drive.entry([a.min(b), a.max(b)]).or_default().push((index, [m, n], sign));
+    }
+    let mut arranged = Array2::zeros((values.nrows(), wanted.len()));
+    for (column, &[a, b, m, n]) in wanted.iter().enumerate() {
+        let known = by_drive.get(&[a.min(b), a.max(b)]).ok_or_else(|| {
+            format!("it drives ({a}, {b}) (electrodes from 0), and the scene does not")
+        })?;
+        let sign = if a < b { 1.0 } else { -1.0 };
+        let path = path(known, m, n);
+        for (row, frame) in values.rows().into_iter().enumerate() {
+            let value = match &path {
+                Some(steps) => steps.iter().map(|&(index, s)| s * frame[index]).sum(),
+                None => {
+                    let reach: f64 = known.iter().map(|&(index, ..)| frame[index].abs()).sum();
+                    let end = |e: u32| f64::from(u8::from(e == a)) - f64::from(u8::from(e == b));
+                    sign * reach * (end(m) - end(n))
+                }
+            };
+            arranged[[row, column]] = sign * value;
+        }
+    }
+    Ok(arranged)
+}
+
+/// Signed measurements whose sum is u(m) - u(n) under a drive from its smaller electrode to its
+/// larger; breadth first, so that what was measured itself is one step.
+fn path(known: &[(usize, [u32; 2], f64)], m: u32, n: u32) -> Option<Vec<(usize, f64)>> {
+    let mut came: HashMap<u32, (u32, usize, f64)> = HashMap::new();
+    let mut queue = VecDeque::from([m]);
+    while let Some(at) = queue.pop_front() {
+        if at == n {
+            break;
+        }
+        for &(index, [p, q], sign) in known {
+            let (next, step) = match () {
+                () if p == at => (q, sign),
+                () if q == at => (p, -sign),
+                () => continue,
+            };
+            if next != m && !came.contains_key(&next) {
+                came.insert(next, (at, index, step));
+                queue.push_back(next);
+            }
+        }
+    }
+    let (mut steps, mut at) = (Vec::new(), n);
+    while at != m {
+        let &(before, index, step) = came.get(&at)?;
+        steps.push((index, step));
+        at = before;
+    }
+    Some(steps)
+}
+
+fn eits1(instrument: &Instrument, serial: &str, mut played: Played) -> Box<dyn Device> {
+    let complex = played.imaginary.is_some();
+    let information = Information {
+        electrodes: u16::try_from(instrument.electrodes).unwrap_or(u16::MAX),
+        most_measurements: u16::try_from(instrument.quadruples.len()).unwrap_or(u16::MAX),
+        max_frame_rate_hz: MOST_RATE_HZ,
+        full_scale: f32::INFINITY,
+        unit: Unit::Volt,
+        complex,
+        name: NAME.to_owned(),
+        serial: serial.to_owned(),
+    };
+    let place: HashMap<Quadruple, usize> =
+        instrument.quadruples.iter().enumerate().map(|(index, &q)| (q, index)).collect();
+    let source = move |number: u64, quadruples: &[Quadruple], values: &mut [f64]| {
+        let step = if complex { 2 } else { 1 };
+        for (slots, quadruple) in values.chunks_exact_mut(step).zip(quadruples) {
+            // a host with another scene may ask for what this one does not have
+            let parts = place.get(quadruple).map_or([0.0; 2], |&index| played.at(number, index));
+            slots.copy_from_slice(&parts[..step]);
+        }
+    };
+    Box::new(Eits1Device::new(information, Box::new(source)))
+}
+
+fn sciospec(
+    instrument: &Instrument,
+    serial: &str,
+    mut played: Played,
+) -> Result<Box<dyn Device>, CliError> {
+    let number = serial.parse().map_err(|_| {
+        CliError::input(format!("--serial {serial}: a Sciospec serial number is 0 to 65535"))
+    })?;
+    let DriverKind::Sciospec(settings) = &instrument.kind else {
+        return Err(CliError::Failure("no settings of a Sciospec instrument".to_owned()));
+    };
+    let (drives, electrodes) = (settings.drives.clone(), instrument.electrodes);
+    let source = move |number: u64, [a, b]: [u32; 2], potentials: &mut [[f64; 2]]| {
+        let found = drives.iter().position(|drive| *drive == [a, b] || *drive == [b, a]);
+        let Some(drive) = found else { return potentials.fill([0.0; 2]) };
+        let sign = if drives[drive] == [a, b] { 1.0 } else { -1.0 };
+        let first = drive * (electrodes - 1);
+        for (electrode, slot) in potentials.iter_mut().enumerate() {
+            *slot = match electrode {
+                0 => [0.0; 2],
+                e => played.at(number, first + e - 1).map(|part| sign * part),
+            };
+        }
+        // against the mean, as against an instrument's ground
+        let count = potentials.len() as f64;
+        for part in 0..2 {
+            let mean = potentials.iter().map(|parts| parts[part]).sum::<f64>() / count;
+            potentials.iter_mut().for_each(|parts| parts[part] -= mean);
+        }
+    };
+    let count = u32::try_from(electrodes).unwrap_or(u32::MAX);
+    Ok(Box::new(SciospecDevice::new(count, number, false, Box::new(source))))
+}
+
+fn text_board(
+    board: &eit_hw::driver::Board,
+    instrument: &Instrument,
+    unit: f64,
+    mut played: Played,
+) -> Box<dyn Device> {
+    let step = if board.format.complex { 2 } else { 1 };
+    let source = move |number: u64, _: &[Quadruple], values: &mut [f64]| {
+        for (index, slots) in values.chunks_exact_mut(step).enumerate() {
+            let parts = played.at(number, index).map(|part| part / unit);
+            slots.copy_from_slice(&parts[..step]);
+        }
+    };
+    let mut board = board.clone();
+    // the device knows no scene: it sends what it is given
+    board.layout = Layout::AsScene;
+    Box::new(BoardDevice::new(board, instrument.frame_rate_hz, Box::new(source)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    /// Potentials of a drive are found along what was measured, with its signs.
+    #[test]
+    fn potentials_follow_from_differences() {
+        // u = 0, 5, 3, 4, 1 under the drive (0, 1), which is also written the other way round
+        let own = [[0, 1, 1, 2], [1, 0, 3, 2], [0, 1, 4, 3]];
+        let values = array![[2.0, -1.0, -3.0]];
+        let wanted = [[0, 1, 1, 4], [1, 0, 1, 4], [0, 1, 2, 3]];
+        let found = arranged(&own, &values, &wanted).unwrap();
+        assert_eq!(found, array![[4.0, -4.0, -1.0]]);
+        // nothing tells of electrode 0 but that current enters there
+        let driven = arranged(&own, &values, &[[0, 1, 0, 2], [1, 0, 0, 2]]).unwrap();
+        assert!(driven[[0, 0]] > 2.0 && driven[[0, 1]] == -driven[[0, 0]], "{driven}");
+        assert!(arranged(&own, &values, &[[0, 2, 3, 4]]).is_err());
+    }
+}

@@ -1,0 +1,209 @@
+//! The latest image and its touches, on a terminal or as a picture that is drawn again and again.
+
+use super::{Model, Sight};
+use crate::draw;
+use crate::error::CliError;
+use crate::output::OutFile;
+use crate::picture::{ColorMap, FrameLabels, PictureSettings, SkinDrawing, draw_sheet};
+use eit_inverse::touch::TouchState;
+use ndarray::{Array3, ArrayView2};
+use std::collections::VecDeque;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// A picture at most so often.
+const PICTURE_EVERY: Duration = Duration::from_millis(200);
+/// The terminal at most so often.
+const TERMINAL_EVERY: Duration = Duration::from_millis(100);
+/// Columns of the image on a terminal; a row shows two of its rows.
+const COLUMNS: usize = 44;
+/// Ends of the colours: the largest value of so many frames back, and at least this many times the
+/// level of a touch, so that noise stays pale.
+const RANGE_FRAMES: usize = 50;
+const RANGE_IN_LEVELS: f64 = 2.0;
+
+/// Ends of the colours, steady over some frames.
+#[derive(Debug, Default)]
+struct Range {
+    largest: VecDeque<f64>,
+}
+
+impl Range {
+    fn of(&mut self, sight: &Sight<'_>) -> f64 {
+        let size = sight.finder.pixels().iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+        self.largest.push_back(size);
+        if self.largest.len() > RANGE_FRAMES {
+            self.largest.pop_front();
+        }
+        let largest = self.largest.iter().copied().fold(0.0, f64::max);
+        largest.max(RANGE_IN_LEVELS * sight.finder.level_s())
+    }
+}
+
+/// The image of a sight, [1, row, column].
+fn image(sight: &Sight<'_>) -> Result<Array3<f64>, CliError> {
+    let pixels = sight.finder.pixels();
+    let row = ArrayView2::from_shape((1, pixels.len()), pixels)
+        .map_err(|e| CliError::Failure(format!("image: {e}")))?;
+    Ok(sight.finder.raster.images_from_pixels(row)?)
+}
+
+/// A PNG file of the latest image, replaced in one step.
+pub(crate) struct Picture {
+    path: PathBuf,
+    skin: Option<SkinDrawing>,
+    range: Range,
+    last: Option<Instant>,
+}
+
+impl Picture {
+    /// A picture at this path, which must be writable.
+    pub fn new(path: &Path) -> Result<Self, CliError> {
+        OutFile::new(path)?;
+        Ok(Self { path: path.to_path_buf(), skin: None, range: Range::default(), last: None })
+    }
+
+    /// Draws it, if the last one is old enough.
+    pub fn show(&mut self, model: &Model, sight: &Sight<'_>) -> Result<(), CliError> {
+        let range = self.range.of(sight);
+        if self.last.is_some_and(|last| last.elapsed() < PICTURE_EVERY) {
+            return Ok(());
+        }
+        let skin =
+            self.skin.get_or_insert_with(|| draw::skin(&model.setup.mesh, &sight.finder.raster));
+        let marks = sight.touches.iter().filter(|touch| touch.valid);
+        let settings = PictureSettings {
+            title: model.scene.name.clone(),
+            footnote: "one-step Gauss-Newton, noise figure 1".to_owned(),
+            labels: FrameLabels::Text(vec![format!(
+                "frame {}, {:.2} s",
+                sight.frame.sequence, sight.time_s
+            )]),
+            range: Some([-range, range]),
+            marks_m: vec![marks.map(|t| [t.position_m[0], t.position_m[1]]).collect()],
+            ..Default::default()
+        };
+        let sheet = draw_sheet(image(sight)?.view(), skin, &settings)?;
+        OutFile::new(&self.path)?.write(|out| Ok(sheet.write_png(out)?))?;
+        self.last = Some(Instant::now());
+        Ok(())
+    }
+}
+
+/// The view on a terminal; nothing where stdout is none.
+pub(crate) struct Terminal {
+    is_on: bool,
+    range: Range,
+    last: Option<Instant>,
+    /// Arrivals of the last frames.
+    arrivals: VecDeque<Instant>,
+}
+
+impl Terminal {
+    /// On stdout where that is a terminal and is not for an answer alone.
+    pub fn new(is_wanted: bool) -> Self {
+        use std::io::IsTerminal as _;
+        let is_on = is_wanted && std::io::stdout().is_terminal();
+        Self { is_on, range: Range::default(), last: None, arrivals: VecDeque::new() }
+    }
+
+    /// While the reference is taken.
+    pub fn waiting(&mut self, left: usize) {
+        if self.is_on {
+            self.say(&format!("touch nothing: {left} more frames for the reference\n"));
+        }
+    }
+
+    /// Draws the view, if the last one is old enough.
+    pub fn show(&mut self, sight: &Sight<'_>) -> Result<(), CliError> {
+        self.arrivals.push_back(Instant::now());
+        if self.arrivals.len() > RANGE_FRAMES {
+            self.arrivals.pop_front();
+        }
+        let range = self.range.of(sight);
+        if !self.is_on || self.last.is_some_and(|last| last.elapsed() < TERMINAL_EVERY) {
+            return Ok(());
+        }
+        self.last = Some(Instant::now());
+        let mut text = blocks(image(sight)?.view().index_axis(ndarray::Axis(0), 0), range);
+        let rate = match (self.arrivals.front(), self.arrivals.back()) {
+            (Some(first), Some(last)) if last > first => {
+                (self.arrivals.len() - 1) as f64 / (*last - *first).as_secs_f64()
+            }
+            _ => 0.0,
+        };
+        let latency =
+            sight.latency_s.map_or(String::new(), |s| format!(", {:.1} ms late", 1e3 * s));
+        // writing to a String does not fail
+        let _ = writeln!(text, "frame {}, {rate:.1} a second{latency}", sight.frame.sequence);
+        for touch in sight.touches.iter().filter(|touch| touch.state != TouchState::End) {
+            let [x, y, _] = touch.position_m.map(|part| 1e3 * part);
+            let _ = writeln!(
+                text,
+                "touch {}: x {x:.1} mm, y {y:.1} mm, {:.2e} S m2{}",
+                touch.id,
+                touch.intensity_s_m2,
+                if touch.valid { "" } else { " (uncertain)" }
+            );
+        }
+        self.say(&text);
+        Ok(())
+    }
+
+    /// Clears the terminal and writes; a terminal that has gone away is no failure.
+    fn say(&self, text: &str) {
+        let mut out = std::io::stdout().lock();
+        let _ = write!(out, "\x1b[H\x1b[J{text}").and_then(|()| out.flush());
+    }
+}
+
+/// An image in characters of two pixels each.
+fn blocks(image: ArrayView2<'_, f64>, range: f64) -> String {
+    let (rows, columns) = image.dim();
+    let step = (columns.max(rows) as f64 / COLUMNS as f64).max(1.0);
+    let at = |row: usize, column: usize| {
+        let [i, j] = [row, column].map(|index| ((index as f64 + 0.5) * step) as usize);
+        image.get([i, j]).copied().filter(|value| value.is_finite())
+    };
+    let [high, wide] = [rows, columns].map(|count| (count as f64 / step) as usize);
+    let mut text = String::new();
+    for row in (0..high).step_by(2) {
+        for column in 0..wide {
+            let paint = |value: Option<f64>, ground: u8| match value {
+                Some(value) => {
+                    let [r, g, b] = ColorMap::CoolWarm.color(0.5 + 0.5 * value / range);
+                    format!("\x1b[{ground}8;2;{r};{g};{b}m")
+                }
+                None => format!("\x1b[{ground}9m"),
+            };
+            let (upper, lower) = (at(row, column), at(row + 1, column));
+            let sign = if upper.is_none() && lower.is_none() { ' ' } else { '\u{2580}' };
+            // writing to a String does not fail
+            let _ = write!(text, "{}{}{sign}", paint(upper, 3), paint(lower, 4));
+        }
+        text += "\x1b[0m\n";
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::array;
+
+    #[test]
+    fn characters_hold_two_rows_and_leave_out_what_is_no_skin() {
+        let image = array![[1.0, f64::NAN], [-1.0, f64::NAN]];
+        let text = blocks(image.view(), 1.0);
+        assert_eq!(text.lines().count(), 1);
+        assert_eq!(text.matches('\u{2580}').count(), 1, "{text:?}");
+        let [red, blue] = [1.0, 0.0].map(|at| ColorMap::CoolWarm.color(at));
+        let wanted = format!(
+            "\x1b[38;2;{};{};{}m\x1b[48;2;{};{};{}m\u{2580}",
+            red[0], red[1], red[2], blue[0], blue[1], blue[2]
+        );
+        assert!(text.starts_with(&wanted), "{text:?}");
+    }
+}

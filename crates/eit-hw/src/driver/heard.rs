@@ -1,0 +1,155 @@
+//! What bytes look like that are not those of the driver: another device, or another baud rate.
+
+use crate::codec::{eits1, sciospec};
+use crate::error::HwError;
+use crate::transport::{Endpoint, Link};
+
+/// Fewer bytes may be anything.
+const LEAST_BYTES: usize = 48;
+/// The share of a text's bytes that are printed or end a line.
+const TEXT_SHARE: f64 = 0.98;
+
+/// The error of a set-up that had no answer, made plainer by what came instead.
+pub(super) fn explained(error: HwError, link: &mut Link) -> HwError {
+    let HwError::NoReply { endpoint, driver, wanted, waited_s } = error else { return error };
+    let heard = link.heard();
+    let Some(what) = What::of(&heard).filter(|what| what.driver() != Some(driver)) else {
+        return HwError::NoReply { endpoint, driver, wanted, waited_s };
+    };
+    let mend = what.mend(link.endpoint(), driver);
+    HwError::NotUnderstood { endpoint, bytes: heard.len(), wanted, what: what.words(driver), mend }
+}
+
+/// What bytes are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum What {
+    Eits1,
+    Sciospec,
+    /// Lines, most of them of so many numbers.
+    Text {
+        numbers: usize,
+    },
+    Noise,
+}
+
+impl What {
+    /// `None`: too few to tell.
+    fn of(bytes: &[u8]) -> Option<Self> {
+        let mut messages = 0;
+        eits1::Decoder::new().push(bytes, &mut |event| {
+            messages += usize::from(matches!(event, eits1::Event::Message(_)));
+        });
+        if messages > 0 {
+            return Some(Self::Eits1);
+        }
+        let (mut frames, mut decoder) = (0, sciospec::Decoder::new(sciospec::Output::default()));
+        // a short acknowledgement comes about by chance, a data frame does not
+        decoder.push(bytes, &mut |event| {
+            frames += usize::from(matches!(event, sciospec::Event::Data(_)));
+        });
+        if frames > 0 {
+            return Some(Self::Sciospec);
+        }
+        if bytes.len() < LEAST_BYTES {
+            return None;
+        }
+        let is_text = |byte: &&u8| matches!(byte, b' '..=b'~' | b'\r' | b'\n' | b'\t');
+        let printed = bytes.iter().filter(is_text).count();
+        if (printed as f64) < TEXT_SHARE * bytes.len() as f64 {
+            return Some(Self::Noise);
+        }
+        Some(Self::Text { numbers: numbers_of_lines(bytes) })
+    }
+
+    /// The driver that understands it. Text boards differ, so another one may.
+    fn driver(self) -> Option<&'static str> {
+        match self {
+            Self::Eits1 => Some("eits1"),
+            Self::Sciospec => Some("sciospec"),
+            Self::Text { .. } | Self::Noise => None,
+        }
+    }
+
+    fn words(self, driver: &str) -> String {
+        match self {
+            Self::Eits1 => "messages of EITS-1".into(),
+            Self::Sciospec => "data of a Sciospec instrument".into(),
+            Self::Text { numbers } if driver == "text" => {
+                format!("lines of {numbers} numbers, which this board does not write")
+            }
+            Self::Text { numbers } => format!("lines of text, of {numbers} numbers"),
+            Self::Noise => "no text and no message of any driver".into(),
+        }
+    }
+
+    fn mend(self, endpoint: &Endpoint, driver: &str) -> String {
+        match (self, endpoint) {
+            (Self::Eits1, _) => "set `[instrument] driver = \"eits1\"`".into(),
+            (Self::Sciospec, _) => "set `[instrument] driver = \"sciospec\"`".into(),
+            (Self::Text { .. }, _) if driver == "text" => {
+                "set `[instrument] driver` to the right board, or `\"csv\"`".into()
+            }
+            (Self::Text { .. }, _) => {
+                "set `[instrument] driver` to the board that writes them, or `\"csv\"`".into()
+            }
+            (Self::Noise, Endpoint::Serial { baud, .. }) => format!(
+                "the baud rate of {baud} is probably wrong: set `[instrument] baud` to the \
+                 instrument's"
+            ),
+            (Self::Noise, Endpoint::Tcp { .. }) => "check what is at this address".into(),
+        }
+    }
+}
+
+/// Numbers of the most frequent kind of line.
+fn numbers_of_lines(bytes: &[u8]) -> usize {
+    let text = String::from_utf8_lossy(bytes);
+    let mut counts: Vec<usize> = text
+        .lines()
+        .map(|line| {
+            let fields = line.split([',', ';', '\t', ' ', ':']);
+            fields
+                .filter(|field| field.starts_with(|c: char| c.is_ascii_digit() || c == '-'))
+                .count()
+        })
+        .filter(|&count| count > 0)
+        .collect();
+    counts.sort_unstable();
+    let longest = counts.chunk_by(|a, b| a == b).max_by_key(|run| run.len());
+    longest.map_or(0, |run| run[0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn streams_are_told_apart() {
+        let lines = "0.25,1.5,-3\r\n".repeat(20);
+        assert_eq!(What::of(lines.as_bytes()), Some(What::Text { numbers: 3 }));
+        assert_eq!(What::of(b"12,"), None);
+        let noise: Vec<u8> = (0..200_u32).map(|i| (i * i * 31 + 128) as u8).collect();
+        assert_eq!(What::of(&noise), Some(What::Noise));
+        let mut wire = vec![0x77, 0];
+        let message = eits1::Message {
+            kind: eits1::Kind::Text,
+            sequence: 0,
+            device_time_us: 0,
+            flags: 0,
+            count: 2,
+            payload: b"hi",
+        };
+        eits1::encode(&message, &mut wire).unwrap();
+        assert_eq!(What::of(&wire), Some(What::Eits1));
+        let mut wire = Vec::new();
+        let data = sciospec::DataFrame {
+            group: 1,
+            drive: Some([1, 2]),
+            frequency_row: Some(1),
+            time_ms: Some(5),
+            potentials_v: [[0.5, 0.0]; 16],
+        };
+        sciospec::encode_data(&data, &mut wire);
+        assert_eq!(What::of(&wire), Some(What::Sciospec));
+    }
+}

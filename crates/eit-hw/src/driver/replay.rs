@@ -1,0 +1,275 @@
+//! A recording played as an instrument.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use super::{Event, FrameSource, Identity, Limits, Setup, Statistics};
+use crate::error::HwError;
+use crate::frame::{Frame, Quadruple, Quality};
+use crate::recording::{FrameMap, Layout, Projection, Unit};
+
+/// How fast a recording is played.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Pace {
+    /// Each frame as soon as it is asked for: as fast as the consumer is, or step by step.
+    #[default]
+    AsAsked,
+    /// So many times as fast as it was recorded, by the clock of the host, else by that of the
+    /// instrument; 1 is as it was. Frames without any clock come as soon as they are asked for.
+    Times(f64),
+}
+
+/// Where a [`Replay`] takes its events from.
+type Events = Box<dyn Iterator<Item = Result<Event, HwError>> + Send>;
+
+/// A recording as a [`FrameSource`]: the same frames to the bit, with the gaps, epochs and notes
+/// that were recorded, however fast it is played.
+pub struct Replay {
+    setup: Setup,
+    events: Events,
+    map: Option<FrameMap>,
+    pace: Pace,
+    /// When the first frame was told, and its recorded time.
+    start: Option<(Instant, f64)>,
+    /// An event that is not due yet.
+    waiting: Option<Event>,
+    last: Option<(u64, u32)>,
+    statistics: Statistics,
+    spare: Vec<Frame>,
+    is_over: bool,
+}
+
+impl std::fmt::Debug for Replay {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Replay").field("setup", &self.setup).finish_non_exhaustive()
+    }
+}
+
+impl Replay {
+    /// Plays the recording at `path`; `quadruples` are those of the scene's protocol, in whose order
+    /// the frames come, `None` takes them as they were recorded. Memory does not grow with the
+    /// length of the recording.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] for a pace that is not above 0; as
+    /// [`capture::read`](crate::capture::read) where it cannot be read, and [`FrameMap::new`]'s where
+    /// it does not hold the measurements.
+    #[cfg(feature = "mcap")]
+    pub fn open(
+        path: &Path,
+        quadruples: Option<&[Quadruple]>,
+        pace: Pace,
+    ) -> Result<Self, HwError> {
+        use crate::capture::{CaptureReader, Entry};
+        // what comes before the first frame, and how many values it has
+        let mut reader = CaptureReader::open(path)?;
+        let mut session = None;
+        let first = loop {
+            match reader.next_entry()? {
+                Some(Entry::Frame(frame)) => break frame,
+                Some(Entry::Session(found)) => session = Some(found),
+                Some(_) => {}
+                None => {
+                    let place = crate::Place::file(path);
+                    return Err(HwError::NoFrames { place, skipped: 0 });
+                }
+            }
+        };
+        let session = session.unwrap_or_default();
+        let layout = match session.quadruples.len() {
+            0 => Layout::AsScene,
+            _ => Layout::Quadruples(session.quadruples.clone()),
+        };
+        let setup = Setup {
+            identity: Identity {
+                driver: "replay",
+                name: session.instrument.clone(),
+                serial: session.serial.clone(),
+            },
+            layout,
+            value_count: first.values.len(),
+            complex: first.imaginary.is_some(),
+            unit: Unit::from(session.unit),
+            frame_rate_hz: session.frame_rate_hz,
+            limits: Limits::default(),
+        };
+        let place = path.to_path_buf();
+        let mut reader = CaptureReader::open(path)?;
+        let events = std::iter::from_fn(move || {
+            loop {
+                let event = match reader.next_entry() {
+                    Err(error) => return Some(Err(error)),
+                    Ok(None) => return None,
+                    Ok(Some(Entry::Frame(frame))) => Event::Frame(frame),
+                    Ok(Some(Entry::Note(text))) => Event::Notice(text),
+                    Ok(Some(Entry::Session(other))) if other.quadruples != session.quadruples => {
+                        return Some(Err(HwError::Container {
+                            place: crate::Place::file(&place),
+                            what: format!(
+                                "sessions of {} and {} measurements differ in them",
+                                session.quadruples.len(),
+                                other.quadruples.len()
+                            ),
+                            mend: "record each set-up in a file of its own",
+                        }));
+                    }
+                    // what was found then is found anew
+                    Ok(Some(_)) => continue,
+                };
+                return Some(Ok(event));
+            }
+        });
+        Self::of_events(setup, Box::new(events), quadruples, pace, path)
+    }
+
+    /// Plays these frames.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn of_frames(
+        setup: Setup,
+        frames: impl Iterator<Item = Frame> + Send + 'static,
+        quadruples: Option<&[Quadruple]>,
+        pace: Pace,
+    ) -> Result<Self, HwError> {
+        let events = Box::new(frames.map(|frame| Ok(Event::Frame(frame))));
+        Self::of_events(setup, events, quadruples, pace, Path::new("replay"))
+    }
+
+    fn of_events(
+        setup: Setup,
+        events: Events,
+        quadruples: Option<&[Quadruple]>,
+        pace: Pace,
+        place: &Path,
+    ) -> Result<Self, HwError> {
+        if let Pace::Times(times) = pace
+            && !(times > 0.0 && times.is_finite())
+        {
+            let value = times.to_string();
+            return Err(HwError::Setting { name: "speed", value, wanted: "a number above 0" });
+        }
+        let map = quadruples.map(|wanted| {
+            FrameMap::new(&setup.layout, setup.value_count, Some(wanted), wanted.len(), place)
+        });
+        Ok(Self {
+            setup,
+            events,
+            map: map.transpose()?,
+            pace,
+            start: None,
+            waiting: None,
+            last: None,
+            statistics: Statistics::default(),
+            spare: Vec::new(),
+            is_over: false,
+        })
+    }
+
+    /// How long until a frame is due; zero where it is.
+    fn due_in(&mut self, frame: &Frame) -> Duration {
+        let Pace::Times(times) = self.pace else { return Duration::ZERO };
+        let Some(time_s) = frame.host_time_s.or(frame.device_time_s) else { return Duration::ZERO };
+        let &mut (start, first_s) = self.start.get_or_insert((Instant::now(), time_s));
+        let after = Duration::try_from_secs_f64((time_s - first_s) / times).unwrap_or_default();
+        after.saturating_sub(start.elapsed())
+    }
+
+    /// The frame in protocol order, before it what its numbers tell.
+    fn told(&mut self, mut frame: Frame) -> Result<Event, HwError> {
+        let news = match self.last {
+            Some((_, epoch)) if epoch != frame.epoch => {
+                self.statistics.reconnections += 1;
+                Some(Event::Reconnected { epoch: frame.epoch })
+            }
+            Some((sequence, _)) if frame.sequence > sequence + 1 => {
+                let frames = frame.sequence - sequence - 1;
+                self.statistics.lost += frames;
+                Some(Event::Gap { frames })
+            }
+            _ => None,
+        };
+        self.last = Some((frame.sequence, frame.epoch));
+        if let Some(news) = news {
+            self.waiting = Some(Event::Frame(frame));
+            return Ok(news);
+        }
+        if let Some(map) = &self.map {
+            let count = map.measurements();
+            let mut mapped = self.spare.pop().unwrap_or_else(|| frame.clone());
+            mapped.values.resize(count, 0.0);
+            mapped.quality.resize(count, Quality::GOOD);
+            let (parts, flags) = (frame.imaginary.as_deref(), &frame.quality);
+            let into = (&mut mapped.values, &mut mapped.quality);
+            map.apply_into(&frame.values, parts, flags, Projection::Real, into.0, into.1)?;
+            mapped.imaginary = match parts {
+                None => None,
+                Some(_) => {
+                    let mut imaginary = mapped.imaginary.take().unwrap_or_default();
+                    imaginary.resize(count, 0.0);
+                    let projection = Projection::Imaginary;
+                    let quality = &mut mapped.quality;
+                    map.apply_into(
+                        &frame.values,
+                        parts,
+                        flags,
+                        projection,
+                        &mut imaginary,
+                        quality,
+                    )?;
+                    Some(imaginary)
+                }
+            };
+            (mapped.sequence, mapped.epoch) = (frame.sequence, frame.epoch);
+            mapped.device_time_s = frame.device_time_s;
+            mapped.host_time_s = frame.host_time_s;
+            frame = mapped;
+        }
+        self.statistics.frames += 1;
+        self.statistics.flagged +=
+            u64::from(frame.quality.iter().any(|quality| !quality.is_good()));
+        Ok(Event::Frame(frame))
+    }
+}
+
+impl FrameSource for Replay {
+    fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
+    fn next_event(&mut self, timeout: Duration) -> Result<Option<Event>, HwError> {
+        let event = match self.waiting.take() {
+            Some(event) => event,
+            None => match self.events.next() {
+                Some(event) => event.inspect_err(|_| self.is_over = true)?,
+                None => {
+                    self.is_over = true;
+                    return Ok(None);
+                }
+            },
+        };
+        let Event::Frame(frame) = event else { return Ok(Some(event)) };
+        let wait = self.due_in(&frame);
+        std::thread::sleep(wait.min(timeout));
+        if wait > timeout {
+            self.waiting = Some(Event::Frame(frame));
+            return Ok(None);
+        }
+        self.told(frame).map(Some)
+    }
+
+    fn recycle(&mut self, frame: Frame) {
+        // only a map needs memory beside that of the frame read
+        if self.map.is_some() && self.spare.len() < 2 {
+            self.spare.push(frame);
+        }
+    }
+
+    fn statistics(&self) -> Statistics {
+        self.statistics
+    }
+
+    fn is_over(&self) -> bool {
+        self.is_over
+    }
+}

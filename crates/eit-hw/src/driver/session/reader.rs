@@ -1,0 +1,181 @@
+//! The thread that reads an instrument, and finds it again.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use super::stream::Stream;
+use super::{Event, SessionSettings};
+use crate::driver::queue::Queue;
+use crate::driver::{Driver, Found, Identity};
+use crate::error::HwError;
+use crate::transport::{Endpoint, Link};
+
+/// What the thread owns.
+pub(super) struct Reader {
+    pub(super) driver: Box<dyn Driver>,
+    pub(super) endpoint: Endpoint,
+    pub(super) settings: SessionSettings,
+    pub(super) queue: Arc<Queue>,
+    pub(super) quit: Arc<AtomicBool>,
+    pub(super) identity: Identity,
+    pub(super) stream: Stream,
+}
+
+/// Why a connection is over.
+enum End {
+    Quit,
+    Lost(String, HwError),
+    Overflow,
+}
+
+impl Reader {
+    pub(super) fn run(mut self, mut link: Link) {
+        loop {
+            match self.follow(&mut link) {
+                End::Quit => {
+                    // a device that is gone need not be stopped
+                    let _ = self.driver.stop(&mut link);
+                    return self.queue.end(None);
+                }
+                End::Overflow => {
+                    let _ = self.driver.stop(&mut link);
+                    let endpoint = self.endpoint.to_string();
+                    let capacity = self.settings.capacity;
+                    return self.queue.end(Some(HwError::Overflow { endpoint, capacity }));
+                }
+                End::Lost(reason, error) => {
+                    self.queue.push(Event::Disconnected { reason });
+                    drop(link);
+                    match self.find_again(error) {
+                        Ok(Some(found)) => link = found,
+                        Ok(None) => return self.queue.end(None),
+                        Err(error) => return self.queue.end(Some(error)),
+                    }
+                }
+            }
+        }
+    }
+
+    fn quits(&self) -> bool {
+        self.quit.load(Ordering::Relaxed)
+    }
+
+    /// Reads until the connection is over.
+    fn follow(&mut self, link: &mut Link) -> End {
+        let mut buffer = [0; 8192];
+        let (mut last, mut stalled) = (Instant::now(), false);
+        while !self.quits() {
+            let received = match self.driver.idle(link).and_then(|()| link.read(&mut buffer)) {
+                Ok(received) => received,
+                Err(_) if self.quits() => return End::Quit,
+                Err(error) => return End::Lost(error.to_string(), error),
+            };
+            let (mut frames, mut end) = (0, None);
+            let (queue, stream) = (&self.queue, &mut self.stream);
+            if received > 0 {
+                queue.count(|statistics| statistics.bytes += received as u64);
+                self.driver.receive(&buffer[..received], &mut |found| {
+                    frames += u32::from(matches!(found, Found::Frame(_)));
+                    end = end.take().or(take(queue, stream, found));
+                });
+            }
+            match end {
+                Some(TakeEnd::Overflow) => return End::Overflow,
+                Some(TakeEnd::Restarted) => {
+                    let source = std::io::Error::other("the instrument has restarted");
+                    let endpoint = self.endpoint.to_string();
+                    let error = HwError::Lost { endpoint, source };
+                    return End::Lost("the instrument has restarted".into(), error);
+                }
+                None => {}
+            }
+            if frames > 0 {
+                (last, stalled) = (Instant::now(), false);
+            } else if !stalled && last.elapsed().as_secs_f64() > self.settings.stall_s {
+                stalled = true;
+                self.queue.push(Event::Stalled { for_s: last.elapsed().as_secs_f64() });
+            }
+        }
+        End::Quit
+    }
+
+    /// Looks for the instrument with growing waits; `None` where the session was stopped.
+    fn find_again(&mut self, mut error: HwError) -> Result<Option<Link>, HwError> {
+        let Some(backoff) = self.settings.reconnect else { return Err(error) };
+        let (start, mut wait_s) = (Instant::now(), backoff.first_s);
+        loop {
+            let until =
+                Instant::now() + Duration::from_secs_f64(wait_s.min(backoff.most_s).min(3600.0));
+            while Instant::now() < until {
+                if self.quits() {
+                    return Ok(None);
+                }
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            match self.attempt() {
+                Ok(link) => {
+                    self.queue.count(|statistics| statistics.reconnections += 1);
+                    self.queue.push(Event::Reconnected { epoch: self.stream.epoch });
+                    return Ok(Some(link));
+                }
+                Err(_) if self.quits() => return Ok(None),
+                Err(fatal @ HwError::Identity { .. }) => return Err(fatal),
+                Err(other) => error = other,
+            }
+            if start.elapsed().as_secs_f64() > backoff.give_up_s {
+                return Err(error);
+            }
+            wait_s = (2.0 * wait_s).min(backoff.most_s);
+        }
+    }
+
+    fn attempt(&mut self) -> Result<Link, HwError> {
+        let mut link = Link::open_until(&self.endpoint, Arc::clone(&self.quit))?;
+        let setup = crate::driver::connect(&mut *self.driver, &mut link)?;
+        if setup.identity != self.identity {
+            return Err(HwError::Identity {
+                endpoint: self.endpoint.to_string(),
+                wanted: self.identity.to_string(),
+                found: setup.identity.to_string(),
+            });
+        }
+        self.driver.start(&mut link)?;
+        self.stream.renew(&setup);
+        Ok(link)
+    }
+}
+
+enum TakeEnd {
+    Overflow,
+    Restarted,
+}
+
+/// Takes one thing that the driver found.
+fn take(queue: &Queue, stream: &mut Stream, found: Found<'_>) -> Option<TakeEnd> {
+    match found {
+        Found::Frame(raw) => {
+            let Some((frame, lost)) = stream.frame(&raw, queue.spare()) else {
+                queue.count(|statistics| statistics.lost += 1);
+                queue.push(Event::Gap { frames: 1 });
+                return None;
+            };
+            if lost > 0 {
+                queue.count(|statistics| statistics.lost += lost);
+                queue.push(Event::Gap { frames: lost });
+            }
+            return (!queue.push(Event::Frame(frame))).then_some(TakeEnd::Overflow);
+        }
+        Found::Cut => {
+            stream.next_sequence = stream.next_sequence.saturating_add(1);
+            queue.count(|statistics| statistics.lost += 1);
+            queue.push(Event::Gap { frames: 1 });
+        }
+        Found::Damaged { bytes } => queue.count(|statistics| statistics.damaged_bytes += bytes),
+        Found::Notice(text) => {
+            queue.push(Event::Notice(text.to_owned()));
+        }
+        Found::Restarted => return Some(TakeEnd::Restarted),
+    }
+    None
+}

@@ -1,0 +1,93 @@
+//! Quiet frames of a live instrument, for the check of its health.
+
+use std::time::{Duration, Instant};
+
+use ndarray::Array2;
+
+use super::{HealthReport, StreamFacts, check_health};
+use crate::driver::{Event, FrameSource};
+use crate::error::HwError;
+use crate::frame::{Frame, Quadruple, Quality};
+use crate::recording::MeasuredFrames;
+
+/// Frames during which nothing touched the skin, and what else was seen.
+#[derive(Clone, Debug)]
+pub struct Quiet {
+    /// Their values, real parts.
+    pub frames: MeasuredFrames,
+    /// What was lost, and the rate that was asked for.
+    pub facts: StreamFacts,
+    /// What the instrument and its driver said meanwhile.
+    pub notices: Vec<String>,
+}
+
+impl Quiet {
+    /// Checks them; `quadruples` are those of the frames.
+    ///
+    /// # Errors
+    /// As [`check_health`].
+    pub fn check(&self, quadruples: &[Quadruple]) -> Result<HealthReport, HwError> {
+        check_health(&self.frames, quadruples, &self.facts)
+    }
+}
+
+/// Takes `count` frames of one epoch, or as many as come within `limit`.
+///
+/// # Errors
+/// Those of the source: [`HwError::Lost`], [`HwError::Overflow`].
+pub fn measure_quiet(
+    source: &mut dyn FrameSource,
+    count: usize,
+    limit: Duration,
+) -> Result<Quiet, HwError> {
+    let (start, mut taken, mut notices) = (Instant::now(), Vec::<Frame>::new(), Vec::new());
+    let mut lost_frames = 0;
+    while taken.len() < count && !source.is_over() {
+        let Some(left) = limit.checked_sub(start.elapsed()) else { break };
+        match source.next_event(left.min(Duration::from_millis(100)))? {
+            Some(Event::Frame(frame)) => taken.push(frame),
+            // those before the first frame are the start's
+            Some(Event::Gap { frames }) if !taken.is_empty() => lost_frames += frames,
+            // what was measured before holds no longer
+            Some(Event::Reconnected { .. }) => {
+                notices.push("the connection was lost and found again".to_owned());
+                taken.clear();
+                lost_frames = 0;
+            }
+            Some(Event::Disconnected { reason }) => notices.push(reason),
+            Some(Event::Notice(text)) => notices.push(text),
+            Some(Event::Stalled { for_s }) => {
+                notices.push(format!("no frame came for {for_s:.1} s"));
+            }
+            _ => {}
+        }
+    }
+    let wanted_rate_hz = source.setup().frame_rate_hz;
+    let facts = StreamFacts { lost_frames, wanted_rate_hz };
+    Ok(Quiet { frames: measured(&taken, source.setup().unit), facts, notices })
+}
+
+/// The frames as those of a recording.
+fn measured(frames: &[Frame], unit: crate::Unit) -> MeasuredFrames {
+    // all of one source have as many values
+    let shape = (frames.len(), frames.first().map_or(0, |frame| frame.values.len()));
+    let value = |(row, column): (usize, usize)| frames[row].values.get(column).copied();
+    let flags = |(row, column): (usize, usize)| frames[row].quality.get(column).copied();
+    let values = Array2::from_shape_fn(shape, |at| value(at).unwrap_or(f64::NAN));
+    let quality = Array2::from_shape_fn(shape, |at| flags(at).unwrap_or(Quality::MISSING));
+    let times: Option<Vec<f64>> = frames.iter().map(|frame| frame.device_time_s).collect();
+    // a board without a clock: when its frames arrived
+    let host = || {
+        let first_s = frames.first()?.host_time_s?;
+        frames.iter().map(|frame| frame.host_time_s.map(|time_s| time_s - first_s)).collect()
+    };
+    MeasuredFrames {
+        values,
+        quality,
+        unit,
+        device_time_s: times.or_else(host),
+        frequency_hz: None,
+        current_a: None,
+        phase_rad: None,
+    }
+}
