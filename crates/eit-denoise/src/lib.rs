@@ -18,6 +18,6 @@ pub use learning_base::{BaseSettings, LearningBase, Shard};
 pub use symmetry::{DiscSymmetry, MeasurementOrder};
 pub use threshold::{Threshold, ThresholdRule};
 #[cfg(feature = "train")]
-pub use train::{Epoch, Examples, TrainSettings, TrainStatus, Trainer, error_and_gradient};
+pub use train::{Engine, Epoch, Examples, Stepper, TrainSettings, TrainStatus, Trainer};
 #[cfg(feature = "unet")]
 pub use unet::{Denoiser, UnetShape, Weights};

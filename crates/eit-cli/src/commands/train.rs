@@ -12,7 +12,7 @@ use crate::output::OutFile;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use eit_denoise::{
-    BaseSettings, Denoiser, Examples, ImageStack, LearningBase, Shard, ThresholdRule,
+    BaseSettings, Denoiser, Engine, Examples, ImageStack, LearningBase, Shard, ThresholdRule,
     TrainSettings, TrainStatus, Trainer, UnetShape, Weights,
 };
 use ndarray::{Array3, Axis, concatenate};
@@ -46,8 +46,8 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let (train, held_out) = progress.stage("read the base", || shards(&base))?;
     let name = base.checksum()?;
     let checkpoint = args.out.with_extension("checkpoint");
-    let trainer =
-        learn(&settings, (&train, &held_out), &name, (&checkpoint, threads), &mut progress)?;
+    let how = (checkpoint.as_path(), threads, args.engine);
+    let trainer = learn(&settings, (&train, &held_out), &name, how, &mut progress)?;
     let skin = scene.skin_fingerprint()?;
     let bare = trainer.weights(&skin, base.settings().pixels, BTreeMap::new());
     let scores = progress.stage("compare", || held_out_scores(&bare, &held_out))?;
@@ -64,6 +64,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         "examples": base.frames(),
         "parameters": settings.shape.parameters(),
         "multiply_adds": settings.shape.multiply_adds(weights.pixels[0], weights.pixels[1]),
+        "engine": args.engine.name(),
         "epochs": trainer.curve().len(),
         "status": status_words(trainer.status()),
         "held_out_error": trainer.best().map(|e| e.held_out_error),
@@ -98,6 +99,7 @@ fn settings(args: &TrainArgs) -> Result<TrainSettings, CliError> {
     let TrainArgs { seed, epochs, batch, rate, patience, .. } = *args;
     let settings = TrainSettings { shape, seed, epochs, batch, rate, patience };
     settings.validate().map_err(|e| CliError::input(format!("--{e}")))?;
+    args.engine.check().map_err(|e| CliError::input(format!("--engine {}: {e}", args.engine)))?;
     Ok(settings)
 }
 
@@ -150,7 +152,7 @@ fn learn(
     settings: &TrainSettings,
     (train, held_out): (&[Shard], &[Shard]),
     base: &str,
-    (checkpoint, threads): (&Path, usize),
+    (checkpoint, threads, engine): (&Path, usize, Engine),
     progress: &mut Progress,
 ) -> Result<Trainer, CliError> {
     let history = settings.shape.history;
@@ -159,6 +161,7 @@ fn learn(
         true => Trainer::resume(checkpoint, settings, base)?,
         false => Trainer::new(settings, base)?,
     };
+    trainer.set_engine(engine)?;
     let steps = train.len().div_ceil(settings.batch);
     progress.steps("training", settings.epochs * steps, |bar| {
         while trainer.status() == TrainStatus::Running {
