@@ -528,6 +528,11 @@ pub(crate) struct TrainArgs {
     /// Threads [default: all]; the result does not depend on them.
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
+    /// What computes the steps: own (our kernels, all threads), burn (its CPU backend, one thread),
+    /// cuda or wgpu (burn on a graphics processor). The last three need a program that was built with
+    /// --features of that name. Weights and checkpoints of one go on with another.
+    #[arg(long, value_name = "ENGINE", default_value_t)]
+    pub engine: eit_denoise::Engine,
 }
 
 /// `eit denoise`

@@ -134,6 +134,14 @@ fn refusals(folder: &Path, weights: &Path, images: &Path) {
     assert!(found.contains("cut.safetensors"), "{found}");
     let found = refuse(&["train", text(&scene), "--out", "w.npy"]);
     assert!(found.contains(".safetensors"), "{found}");
+    let engine =
+        |name: &str| refuse(&["train", text(&scene), "--out", "w.safetensors", "--engine", name]);
+    let found = engine("torch");
+    assert!(found.contains("there are own, burn, cuda and wgpu"), "{found}");
+    if !cfg!(feature = "cuda") {
+        let found = engine("cuda");
+        assert!(found.contains("--engine cuda: this program was built without"), "{found}");
+    }
     assert!(!out.join("images.npy").exists());
 }
 

@@ -1,4 +1,5 @@
-//! What a frame of 64 x 64 pixels costs with nets of several sizes, on this machine and one core.
+//! What a frame of 64 x 64 pixels costs with nets of several sizes, on this machine and one core: the
+//! time part of error against run time.
 //!
 //! Run with `cargo run --release -p eit-denoise --features unet --example frame_time`.
 #![allow(missing_docs, reason = "an example is read, not linked against")]
@@ -13,6 +14,7 @@ const PIXELS: usize = 64;
 
 /// One net's size and cost.
 pub struct Cost {
+    pub shape: UnetShape,
     pub parameters: usize,
     pub multiply_adds: f64,
     /// Least of some frames: what other work on the machine adds is no property of the net.
@@ -25,7 +27,13 @@ pub fn run() -> Result<Vec<Cost>, DenoiseError> {
     let image = Array2::from_shape_fn((PIXELS, PIXELS), |(r, c)| (0.1 * r as f64).sin() + c as f64);
     let mut out = Array2::zeros((PIXELS, PIXELS));
     let mut costs = Vec::new();
-    for [history, width, depth] in [[1, 4, 3], [1, 6, 3], [3, 6, 3], [1, 8, 3], [1, 16, 3]] {
+    let widths = [2, 3, 4, 6, 8, 12];
+    let mut sizes: Vec<[usize; 3]> = Vec::new();
+    for depth in [2, 3] {
+        sizes.extend(widths.map(|width| [1, width, depth]));
+    }
+    sizes.extend([[3, 6, 3], [1, 16, 3]]);
+    for [history, width, depth] in sizes {
         let shape = UnetShape { history, width, depth };
         // of about unit gain
         let weight = |k: usize| 0.1 * (0.7 * k as f32).sin();
@@ -46,7 +54,7 @@ pub fn run() -> Result<Vec<Cost>, DenoiseError> {
             1e-6 * multiply_adds,
             1e3 * time_s
         );
-        costs.push(Cost { parameters, multiply_adds, time_s });
+        costs.push(Cost { shape, parameters, multiply_adds, time_s });
     }
     Ok(costs)
 }

@@ -165,6 +165,38 @@ pub enum DenoiseError {
         /// As asked for.
         wanted: String,
     },
+    /// No engine of training has this name.
+    #[error("no engine is called \"{found}\": there are own, burn, cuda and wgpu")]
+    UnknownEngine {
+        /// What was asked for.
+        found: String,
+    },
+    /// An engine that this program does not have.
+    #[error(
+        "this program was built without the engine {engine}: build it with --features {engine}, or \
+         take the engine own"
+    )]
+    NoEngine {
+        /// Its name, which is that of its feature.
+        engine: &'static str,
+    },
+    /// An engine that finds nothing to run on.
+    #[error(
+        "the engine {engine} finds no device on this machine: install the driver, or take the \
+         engine own"
+    )]
+    NoDevice {
+        /// Its name.
+        engine: &'static str,
+    },
+    /// A device that broke off.
+    #[error("the engine {engine} failed: {what}")]
+    EngineFailed {
+        /// Its name.
+        engine: &'static str,
+        /// What it says.
+        what: String,
+    },
 }
 
 impl DenoiseError {

@@ -20,9 +20,7 @@ pub use learning_base::{BaseSettings, LearningBase, Shard, ShardData};
 pub use symmetry::{DiscSymmetry, MeasurementOrder};
 pub use threshold::{Threshold, ThresholdRule};
 #[cfg(feature = "train")]
-pub use train::{
-    Epoch, Examples, PixelTurn, TrainSettings, TrainStatus, Trainer, error_and_gradient,
-};
+pub use train::{Engine, Epoch, Examples, PixelTurn, Stepper, TrainSettings, TrainStatus, Trainer};
 #[cfg(feature = "unet")]
 pub use trust::{Evidence, Misfit};
 #[cfg(feature = "unet")]

@@ -2,26 +2,27 @@
 //!
 //! Everything that the next epoch depends on is in the checkpoint, and every random number comes
 //! from the seed and the number of the epoch, so that a training that was interrupted ends with the
-//! same bits as one that was not, for any number of threads.
+//! same bits as one that was not, for any number of threads. (burn's engines keep to that where their
+//! device does; one that goes on with another engine ends within rounding.)
 
 mod adam;
 mod checkpoint;
+mod engine;
 mod examples;
 mod turn;
 
+pub use engine::{Engine, Stepper};
 pub use examples::Examples;
 pub use turn::PixelTurn;
 
-use crate::unet::{PackedNet, Tape};
 use crate::{DenoiseError, UnetShape, Weights};
 use adam::Adam;
-use examples::Turned;
 use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
 use rand_pcg::Pcg64;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
-/// Steps over which the rate rises from zero. Without, the first steps at full rate can take every
+/// Steps over which the rate rises from zero, where the first epoch has so many. Without, the first steps at full rate can take every
 /// channel of a small net below zero, from where no derivative brings it back.
 const WARM_UP: f64 = 200.0;
 
@@ -40,7 +41,8 @@ pub struct TrainSettings {
     /// Examples of a step, from 1.
     pub batch: usize,
     /// Rate of Adam in the first epoch, above zero; it falls along half a cosine to a hundredth in
-    /// the last (Loshchilov and Hutter, ICLR 2017). Over the first 200 steps it rises from zero.
+    /// the last (Loshchilov and Hutter, ICLR 2017). Over the first 200 steps, or the
+    /// first epoch where that is shorter, it rises from zero.
     pub rate: f64,
     /// Stop after so many epochs without a smaller error on the examples held out; 0: never.
     pub patience: usize,
@@ -114,6 +116,7 @@ pub struct Trainer {
     curve: Vec<Epoch>,
     /// Fingerprint of what it learns from.
     base: String,
+    engine: Engine,
 }
 
 impl Trainer {
@@ -125,8 +128,18 @@ impl Trainer {
         settings.validate()?;
         let parameters = first_parameters(settings);
         let (adam, best) = (Adam::new(parameters.len()), parameters.clone());
-        let settings = settings.clone();
-        Ok(Self { settings, parameters, adam, best, curve: Vec::new(), base: base.to_owned() })
+        let (settings, base, engine) = (settings.clone(), base.to_owned(), Engine::default());
+        Ok(Self { settings, parameters, adam, best, curve: Vec::new(), base, engine })
+    }
+
+    /// What computes the steps from here on.
+    ///
+    /// # Errors
+    /// Those of [`Engine::check`].
+    pub fn set_engine(&mut self, engine: Engine) -> Result<(), DenoiseError> {
+        engine.check()?;
+        self.engine = engine;
+        Ok(())
     }
 
     /// The learning curve so far.
@@ -173,7 +186,7 @@ impl Trainer {
     /// [`DenoiseError::NothingToLearn`] without examples, [`DenoiseError::WrongLength`] for
     /// examples with another number of frames, [`DenoiseError::OutOfRange`] for no thread,
     /// [`DenoiseError::NonFiniteWeight`] or [`DenoiseError::OutOfRange`] where the rate is so large
-    /// that weights are lost.
+    /// that weights are lost, [`DenoiseError::EngineFailed`].
     pub fn epoch(
         &mut self,
         train: &Examples,
@@ -181,38 +194,37 @@ impl Trainer {
         threads: usize,
         progress: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
     ) -> Result<Option<Epoch>, DenoiseError> {
-        self.check(train, held_out, threads)?;
+        if train.is_empty() || held_out.is_empty() {
+            let what = "the learning base or its held-out part".to_owned();
+            return Err(DenoiseError::NothingToLearn { what });
+        }
         let TrainSettings { shape, seed, epochs, batch, rate, .. } = self.settings;
+        let mut steps = self.engine.start(shape, train.size(), threads)?;
+        steps.check(train)?;
+        steps.check(held_out)?;
         let epoch = self.curve.len();
         let part = epoch as f64 / epochs.saturating_sub(1).max(1) as f64;
         let rate = rate * (0.01 + 0.99 * 0.5 * (1.0 + (std::f64::consts::PI * part).cos()));
         let order = shuffled((train.len(), train.turns()), seed, epoch);
-        let mut tapes = vec![Tape::new(shape, train.size()); threads];
         let (mut parameters, mut adam) = (self.parameters.clone(), self.adam.clone());
-        let (mut sum, steps) = (0.0, order.len().div_ceil(batch));
-        let mut gradients = vec![vec![0.0; parameters.len()]; batch.min(order.len())];
+        let (mut sum, count) = (0.0, order.len().div_ceil(batch));
+        let warm_up = WARM_UP.min(count as f64);
         for (step, batch) in order.chunks(batch).enumerate() {
-            let net = PackedNet::new(shape, &parameters);
-            let errors = of_batch(&net, train, batch, &mut tapes, &mut gradients);
-            sum += errors.iter().sum::<f64>();
-            // in the order of the examples, whichever thread had them
-            let (total, others) = gradients.split_at_mut(1);
-            for other in &others[..batch.len() - 1] {
-                for (total, other) in total[0].iter_mut().zip(other) {
-                    *total += other;
-                }
-            }
-            let warm = ((adam.steps + 1) as f64 / WARM_UP).min(1.0);
-            adam.step(&mut parameters, &total[0], warm * rate);
-            if progress(step + 1, steps).is_break() {
+            steps.load(&parameters)?;
+            let (errors, gradient) = steps.step(train, batch)?;
+            sum += errors;
+            let warm = ((adam.steps + 1) as f64 / warm_up).min(1.0);
+            adam.step(&mut parameters, gradient, warm * rate);
+            if progress(step + 1, count).is_break() {
                 return Ok(None);
             }
         }
         if let Some(index) = parameters.iter().position(|w| !w.is_finite()) {
             return Err(DenoiseError::NonFiniteWeight { index, value: parameters[index] });
         }
-        let net = PackedNet::new(shape, &parameters);
-        let held_out_error = error(&net, held_out, &mut tapes);
+        steps.load(&parameters)?;
+        let all: Vec<usize> = (0..held_out.len()).collect();
+        let held_out_error = steps.error(held_out, &all)? / all.len() as f64;
         if !held_out_error.is_finite() {
             let (quantity, must) = ("the held-out error", "finite: take a smaller rate");
             return Err(DenoiseError::OutOfRange { quantity, value: held_out_error, must });
@@ -224,33 +236,6 @@ impl Trainer {
         }
         self.curve.push(done);
         Ok(Some(done))
-    }
-
-    fn check(
-        &self,
-        train: &Examples,
-        held_out: &Examples,
-        threads: usize,
-    ) -> Result<(), DenoiseError> {
-        for examples in [train, held_out] {
-            if examples.is_empty() {
-                let what = "the learning base or its held-out part".to_owned();
-                return Err(DenoiseError::NothingToLearn { what });
-            }
-            let (found, wanted) = (examples.history(), self.settings.shape.history);
-            if found != wanted {
-                return Err(DenoiseError::WrongLength { what: "frames an example", found, wanted });
-            }
-            if examples.size() != train.size() {
-                let (images, mask) = (examples.size(), train.size());
-                return Err(DenoiseError::ShapeMismatch { images, mask });
-            }
-        }
-        if threads == 0 {
-            let (quantity, must) = ("threads", "at least 1");
-            return Err(DenoiseError::OutOfRange { quantity, value: 0.0, must });
-        }
-        Ok(())
     }
 }
 
@@ -276,82 +261,17 @@ fn first_parameters(settings: &TrainSettings) -> Vec<f32> {
     parameters
 }
 
-/// The order of an epoch (Fisher and Yates), and the turn of each example.
-fn shuffled((count, turns): (usize, usize), seed: u64, epoch: usize) -> Vec<(usize, usize)> {
+/// The order of an epoch (Fisher and Yates), each example in a turn of its own: as
+/// [`Examples::get`] counts.
+fn shuffled((count, turns): (usize, usize), seed: u64, epoch: usize) -> Vec<usize> {
     let mut random = Pcg64::new(u128::from(seed), 1 + epoch as u128);
     let mut below = |count: usize| {
         let unit: f64 = StandardUniform.sample(&mut random);
         (count as f64 * unit) as usize
     };
-    let mut order: Vec<(usize, usize)> = (0..count).map(|k| (k, below(turns))).collect();
+    let mut order: Vec<usize> = (0..count).map(|k| k + count * below(turns)).collect();
     for last in (1..count).rev() {
         order.swap(last, below(last + 1));
     }
     order
-}
-
-/// Errors of a batch; each example's derivative of its part of the mean in a slice of its own.
-fn of_batch(
-    net: &PackedNet,
-    examples: &Examples,
-    batch: &[(usize, usize)],
-    tapes: &mut [Tape],
-    gradients: &mut [Vec<f32>],
-) -> Vec<f64> {
-    let weight = 1.0 / batch.len() as f32;
-    let mut errors = vec![0.0; batch.len()];
-    let share = batch.len().div_ceil(tapes.len());
-    let parts = batch.chunks(share).zip(errors.chunks_mut(share)).zip(gradients.chunks_mut(share));
-    std::thread::scope(|scope| {
-        for (((batch, errors), gradients), tape) in parts.zip(tapes) {
-            scope.spawn(move || {
-                let mut turned = Turned::default();
-                for ((&(k, turn), error), gradient) in batch.iter().zip(errors).zip(gradients) {
-                    gradient.fill(0.0);
-                    let example = examples.get_turned(k, turn, &mut turned);
-                    *error = tape.run(net, &example, Some((weight, gradient)));
-                }
-            });
-        }
-    });
-    errors
-}
-
-/// Mean error over examples.
-fn error(net: &PackedNet, examples: &Examples, tapes: &mut [Tape]) -> f64 {
-    let mut errors = vec![0.0; examples.len()];
-    let share = examples.len().div_ceil(tapes.len());
-    std::thread::scope(|scope| {
-        for ((part, errors), tape) in errors.chunks_mut(share).enumerate().zip(tapes) {
-            scope.spawn(move || {
-                for (k, error) in errors.iter_mut().enumerate() {
-                    *error = tape.run(net, &examples.get(part * share + k), None);
-                }
-            });
-        }
-    });
-    errors.iter().sum::<f64>() / examples.len() as f64
-}
-
-/// Mean weighted squared error of parameters over examples, and its derivative: for tests of the derivative.
-///
-/// # Errors
-/// [`DenoiseError::WrongLength`].
-pub fn error_and_gradient(
-    shape: UnetShape,
-    parameters: &[f32],
-    examples: &Examples,
-) -> Result<(f64, Vec<f32>), DenoiseError> {
-    shape.validate()?;
-    let (found, wanted) = (parameters.len(), shape.parameters());
-    if found != wanted {
-        return Err(DenoiseError::WrongLength { what: "weights", found, wanted });
-    }
-    let net = PackedNet::new(shape, parameters);
-    let mut tape = Tape::new(shape, examples.size());
-    let mut gradient = vec![0.0; parameters.len()];
-    let weight = 1.0 / examples.len() as f32;
-    let run = |k: usize| tape.run(&net, &examples.get(k), Some((weight, &mut gradient)));
-    let sum: f64 = (0..examples.len()).map(run).sum();
-    Ok((sum / examples.len() as f64, gradient))
 }

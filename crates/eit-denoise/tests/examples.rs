@@ -22,7 +22,11 @@ mod frame_time;
 #[test]
 fn frame_time_example() {
     let costs = frame_time::run().unwrap();
-    let [four, eight] = [&costs[0], &costs[3]];
+    let of = |width| {
+        let shape = eit_denoise::UnetShape { history: 1, width, depth: 3 };
+        costs.iter().find(|cost| cost.shape == shape).unwrap()
+    };
+    let [four, eight] = [of(4), of(8)];
     // per pixel: level 0 (2 4 + 4 4 + 12 4 + 4 4) 9 + 4, level 1 (4 8 + 8 8 + 24 8 + 8 8) 9 / 4,
     // level 2 (8 16 + 16 16 + 48 16 + 16 16) 9 / 16, bottom (16 32 + 32 32) 9 / 64
     let by_hand = 88.0 * 9.0 + 4.0 + 352.0 * 9.0 / 4.0 + 1408.0 * 9.0 / 16.0 + 1536.0 * 9.0 / 64.0;
@@ -30,4 +34,28 @@ fn frame_time_example() {
     let ratio = eight.multiply_adds / four.multiply_adds;
     assert!((3.5..4.0).contains(&ratio), "{ratio}");
     assert!(costs.iter().all(|cost| cost.time_s > 0.0 && cost.parameters > 0));
+}
+
+#[cfg(feature = "train")]
+#[path = "../examples/step_time.rs"]
+#[allow(dead_code, reason = "main of the example is not called here")]
+mod step_time;
+
+/// Every engine that is here is timed, and all derive alike (`tests/engine.rs` says how closely).
+#[cfg(feature = "train")]
+#[test]
+fn step_time_example() {
+    let folder = tempfile::tempdir().unwrap();
+    let shape = eit_denoise::UnetShape { history: 1, width: 2, depth: 2 };
+    let costs = step_time::run(shape, 0.0, Some(folder.path())).unwrap();
+    assert_eq!(costs[0].engine, eit_denoise::Engine::Own);
+    assert_eq!(costs.len() > 1, cfg!(feature = "burn"));
+    let largest = costs[0].gradient.iter().fold(0.0_f32, |most, d| most.max(d.abs()));
+    for cost in &costs {
+        assert!(cost.step_s > 0.0 && cost.image_s > 0.0);
+        let off = |(a, b): (&f32, &f32)| (a - b).abs() < 1e-4 * largest;
+        assert!(cost.gradient.iter().zip(&costs[0].gradient).all(off), "{}", cost.engine);
+    }
+    let bytes = std::fs::read(folder.path().join("parameters.f32")).unwrap();
+    assert_eq!(bytes.len(), 4 * shape.parameters());
 }

@@ -4,28 +4,15 @@
 
 mod common;
 
-use common::{convolutions, direct, disc, touched, uniform, weights};
+use common::{convolutions, direct, disc, shard, uniform, weights};
 use eit_denoise::{
-    BaseSettings, DenoiseError, Denoiser, Examples, ImageStack, LearningBase, PixelTurn, Shard,
-    TrainSettings, TrainStatus, Trainer, UnetShape, error_and_gradient,
+    BaseSettings, DenoiseError, Denoiser, Engine, Examples, ImageStack, LearningBase, PixelTurn,
+    Shard, TrainSettings, TrainStatus, Trainer, UnetShape,
 };
 use ndarray::{Array2, Array3, Axis};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
-
-/// Bells under noise and the bells alone, twice as large.
-fn shard(frames: usize, pixels: usize) -> Shard {
-    let mask = disc(pixels, pixels);
-    let noisy = touched(frames, &mask);
-    let clean = Array3::from_shape_fn(noisy.dim(), |(f, r, c)| {
-        let [y, x] = [r as f64 / pixels as f64 - 0.4, c as f64 / pixels as f64 - 0.3];
-        let x = x - 0.03 * f as f64;
-        2e-6 * (-(x * x + y * y) / 0.01).exp()
-    });
-    let stack = |images: Array3<f64>| ImageStack::new(images, mask.clone()).unwrap();
-    Shard::new(&stack(noisy), &stack(clean)).unwrap()
-}
 
 /// Error of parameters by the definition in `f64`.
 fn error_by_definition(
@@ -70,7 +57,10 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
         let examples = Examples::new(std::slice::from_ref(&shard), shape.history).unwrap();
         assert_eq!(examples.len(), 3);
         let parameters = weights(shape, [pixels, pixels]).parameters;
-        let (error, gradient) = error_and_gradient(shape, &parameters, &examples).unwrap();
+        let mut steps = Engine::Own.start(shape, [pixels, pixels], 1).unwrap();
+        steps.load(&parameters).unwrap();
+        let (sum, gradient) = steps.step(&examples, &[0, 1, 2]).unwrap();
+        let error = sum / 3.0;
         // the examples once more, in f64
         let mut scales = Vec::new();
         let pairs: Vec<_> = (0..3)

@@ -15,8 +15,8 @@ use crate::output::OutFile;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use eit_denoise::{
-    BaseSettings, Examples, LearningBase, PixelTurn, Shard, TrainSettings, TrainStatus, Trainer,
-    UnetShape, Weights,
+    BaseSettings, Engine, Examples, LearningBase, PixelTurn, Shard, TrainSettings, TrainStatus,
+    Trainer, UnetShape, Weights,
 };
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -55,7 +55,8 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let checkpoint = args.out.with_extension("checkpoint");
     let turns = workshop.turns();
     let pairs = (&train[..], &held_out[..], &turns[..]);
-    let trainer = learn(&settings, pairs, &name, (&checkpoint, threads), &mut progress)?;
+    let how = (checkpoint.as_path(), threads, args.engine);
+    let trainer = learn(&settings, pairs, &name, how, &mut progress)?;
     let skin = scene.skin_fingerprint()?;
     let bare = trainer.weights(&skin, base.settings().pixels, BTreeMap::new());
     let (scores, limit) = progress.stage("compare", || {
@@ -75,6 +76,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         "examples": base.frames(),
         "parameters": settings.shape.parameters(),
         "multiply_adds": settings.shape.multiply_adds(weights.pixels[0], weights.pixels[1]),
+        "engine": args.engine.name(),
         "epochs": trainer.curve().len(),
         "status": status_words(trainer.status()),
         "held_out_error": trainer.best().map(|e| e.held_out_error),
@@ -110,6 +112,7 @@ fn settings(args: &TrainArgs) -> Result<TrainSettings, CliError> {
     let TrainArgs { seed, epochs, batch, rate, patience, .. } = *args;
     let settings = TrainSettings { shape, seed, epochs, batch, rate, patience };
     settings.validate().map_err(|e| CliError::input(format!("--{e}")))?;
+    args.engine.check().map_err(|e| CliError::input(format!("--engine {}: {e}", args.engine)))?;
     Ok(settings)
 }
 
@@ -178,7 +181,7 @@ fn learn(
     settings: &TrainSettings,
     (train, held_out, turns): (&[Shard], &[Shard], &[PixelTurn]),
     base: &str,
-    (checkpoint, threads): (&Path, usize),
+    (checkpoint, threads, engine): (&Path, usize, Engine),
     progress: &mut Progress,
 ) -> Result<Trainer, CliError> {
     let history = settings.shape.history;
@@ -188,6 +191,7 @@ fn learn(
         true => Trainer::resume(checkpoint, settings, base)?,
         false => Trainer::new(settings, base)?,
     };
+    trainer.set_engine(engine)?;
     let steps = train.len().div_ceil(settings.batch);
     progress.steps("training", settings.epochs * steps, |bar| {
         while trainer.status() == TrainStatus::Running {

@@ -1,7 +1,7 @@
 //! A training in a file: everything that the next epoch depends on.
 
 use super::adam::Adam;
-use super::{Epoch, TrainSettings, Trainer};
+use super::{Engine, Epoch, TrainSettings, Trainer};
 use crate::learning_base::write_whole;
 use crate::unet::{bytes_of, floats_of, format_error};
 use crate::{DenoiseError, UnetShape};
@@ -74,7 +74,7 @@ impl Trainer {
         write_whole(path, &file)
     }
 
-    /// Goes on from a checkpoint of the same settings and learning base.
+    /// Goes on from a checkpoint of the same settings and learning base, whichever engine made it.
     ///
     /// # Errors
     /// [`DenoiseError::Io`], [`DenoiseError::InFile`] for a damaged file,
@@ -135,6 +135,7 @@ impl Trainer {
             best: best?,
             curve: state.curve.iter().map(line).collect(),
             base: state.base,
+            engine: Engine::default(),
         })
     }
 }

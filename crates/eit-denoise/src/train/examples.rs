@@ -166,34 +166,24 @@ impl Examples {
         self.turns.len()
     }
 
-    pub(crate) fn get(&self, k: usize) -> Example<'_> {
-        let pixels = self.mask.len();
-        Example {
-            frames: &self.frames[k * self.history * pixels..][..self.history * pixels],
-            wanted: &self.wanted[k * pixels..][..pixels],
-            mask: self.mask.as_slice().unwrap_or_default(),
-            size: self.size(),
-            weight: self.weights[k],
-        }
-    }
-
-    /// An example turned in one of the ways.
-    pub(crate) fn get_turned<'a>(
-        &'a self,
-        k: usize,
-        turn: usize,
-        memory: &'a mut Turned,
-    ) -> Example<'a> {
-        let (plain, turn) = (self.get(k), self.turns[turn]);
+    /// Example `k` of `len() * turns()`: first all as they are, then all turned the second way, and
+    /// so on.
+    pub(crate) fn get<'a>(&'a self, k: usize, memory: &'a mut Turned) -> Example<'a> {
+        let (pixels, turn) = (self.mask.len(), self.turns[k / self.len()]);
+        let k = k % self.len();
+        let frames = &self.frames[k * self.history * pixels..][..self.history * pixels];
+        let wanted = &self.wanted[k * pixels..][..pixels];
+        let mask = self.mask.as_slice().unwrap_or_default();
+        let plain = Example { frames, wanted, mask, size: self.size(), weight: self.weights[k] };
         if turn == PixelTurn::default() {
             return plain;
         }
         memory.frames.clear();
         memory.wanted.clear();
-        for frame in plain.frames.chunks_exact(self.mask.len()) {
+        for frame in frames.chunks_exact(pixels) {
             turn.append(frame, self.size(), &mut memory.frames);
         }
-        turn.append(plain.wanted, self.size(), &mut memory.wanted);
+        turn.append(wanted, self.size(), &mut memory.wanted);
         Example { frames: &memory.frames, wanted: &memory.wanted, ..plain }
     }
 }

@@ -1,7 +1,7 @@
 //! A U-net written down as its definition, in `f64` and without any cleverness.
 #![allow(dead_code, reason = "each test binary takes what it needs")]
 
-use eit_denoise::{UnetShape, Weights};
+use eit_denoise::{ImageStack, UnetShape, Weights};
 use ndarray::{Array2, Array3};
 use std::collections::BTreeMap;
 
@@ -29,6 +29,20 @@ pub fn touched(frames: usize, mask: &Array2<bool>) -> Array3<f64> {
         let x = x - 0.03 * f as f64;
         if mask[[r, c]] { 1e-6 * ((-(x * x + y * y) / 0.01).exp() + noise) } else { f64::NAN }
     })
+}
+
+/// Bells under noise and the bells alone, twice as large.
+#[cfg(feature = "train")]
+pub fn shard(frames: usize, pixels: usize) -> eit_denoise::Shard {
+    let mask = disc(pixels, pixels);
+    let noisy = touched(frames, &mask);
+    let clean = Array3::from_shape_fn(noisy.dim(), |(f, r, c)| {
+        let [y, x] = [r as f64 / pixels as f64 - 0.4, c as f64 / pixels as f64 - 0.3];
+        let x = x - 0.03 * f as f64;
+        2e-6 * (-(x * x + y * y) / 0.01).exp()
+    });
+    let stack = |images: Array3<f64>| ImageStack::new(images, mask.clone()).unwrap();
+    eit_denoise::Shard::new(&stack(noisy), &stack(clean)).unwrap()
 }
 
 /// Random weights of about unit gain.
