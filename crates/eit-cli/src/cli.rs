@@ -80,8 +80,8 @@ pub(crate) enum Command {
     /// drift drawn anew for every sequence), reconstructs them as `eit reconstruct` would, each
     /// turned or mirrored by a symmetry of the electrodes where the skin has them, and learns the
     /// true images from them. Sequences go to --base one by one; the training writes a checkpoint
-    /// after every epoch. Run the same command again after an interruption: it goes on where it
-    /// was, and ends with the same weights.
+    /// after every epoch. Ctrl-C ends it with the best weights so far. Run the same command again
+    /// after an interruption: it goes on where it was, and ends with the same weights.
     ///
     /// Writes W (safetensors), W with the endings csv and png (learning curve), and checkpoint.
     Train(TrainArgs),

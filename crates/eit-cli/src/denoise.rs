@@ -10,7 +10,7 @@ use crate::error::CliError;
 use crate::pipeline::DEFAULT_PIXELS;
 use crate::progress::Progress;
 use crate::scene::{Scene, TouchSign};
-use eit_denoise::{Denoiser, ImageStack, Threshold, Weights};
+use eit_denoise::{Denoiser, ImageStack, Threshold, UnetShape, Weights};
 use eit_mesh::Raster;
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
 use ndarray_npy::ReadNpyExt as _;
@@ -95,6 +95,11 @@ impl Net {
             }
             Ok(Some(Checked { limit, scores }))
         })
+    }
+
+    /// Size of the net.
+    pub fn shape(&self) -> UnetShape {
+        self.weights.shape
     }
 
     /// For people.

@@ -11,6 +11,7 @@
     reason = "tests"
 )]
 
+use eit_denoise::{Denoiser, Weights};
 use eit_fem::{ForwardModel, Protocol};
 use eit_inverse::metrics::{Cells, ChangeSign, blobs};
 use eit_inverse::{
@@ -29,6 +30,7 @@ const FITTED: usize = 100;
 const RADIUS_M: f64 = 0.1;
 
 /// A skin of 16 electrodes, driven as the recordings are.
+#[derive(Clone)]
 struct Skin {
     mesh: Mesh,
     /// Voltages of the untouched model.
@@ -117,6 +119,38 @@ impl Skin {
         }
         places
     }
+}
+
+/// Places of the strongest change in one-step images at noise figure 1 before and after the shipped
+/// U-net, which never saw this skin, its protocol or a real recording; for both signs.
+fn before_and_after(skin: &Skin, frames: &[(Vec<f64>, Vec<f64>)]) -> [[Vec<[f64; 2]>; 2]; 2] {
+    let weights = Weights::paper_disc().unwrap();
+    let raster = Raster::new(skin.mesh.surface(), weights.pixels[0]).unwrap();
+    let skin = &Skin { cells: Cells::of_raster(&raster), raster, ..skin.clone() };
+    let mut net = Denoiser::new(&weights, skin.raster.mask().view()).unwrap();
+    let reconstructor = skin.one_step(1.0);
+    let mut workspace = reconstructor.workspace();
+    let mut pixels = vec![0.0; reconstructor.image_len()];
+    let mut made = Array2::zeros(skin.raster.mask().dim());
+    let mut places: [[Vec<[f64; 2]>; 2]; 2] = Default::default();
+    let place = |pixels: &[f64]| {
+        let found = blobs(pixels, &skin.cells, ChangeSign::Increase, 0.5).unwrap();
+        found.first().map_or([0.0; 2], |blob| blob.centre_m)
+    };
+    for (frame, reference) in frames {
+        reconstructor.reconstruct_into(frame, reference, &mut workspace, &mut pixels).unwrap();
+        for (k, sign) in [1.0, -1.0].into_iter().enumerate() {
+            let signed: Vec<f64> = pixels.iter().map(|v| sign * v).collect();
+            places[0][k].push(place(&signed));
+            let image = skin.raster.image_from_pixels(&signed).unwrap();
+            net.reset();
+            net.push_into(image.view(), made.view_mut()).unwrap();
+            let mut after = vec![0.0; signed.len()];
+            skin.raster.pixels_from_image_into(made.view(), &mut after).unwrap();
+            places[1][k].push(place(&after));
+        }
+    }
+    places
 }
 
 /// Turn, mirror and scale from the image to the robot, about the skin's centre.
@@ -263,6 +297,20 @@ fn hydrogel_presses() {
     let [errors, chosen] = both(&skin, "hydrogel_presses", &plain, &truth);
     // found 10.8 and 7.9 mm; a wrong turn or mirror leaves more than 20
     assert!(quantile(&errors, 0.5) < 0.013 && quantile(&chosen, 0.5) < 0.010);
+}
+
+/// What a net from simulation makes of real presses.
+#[test]
+fn hydrogel_presses_denoised() {
+    let Some(folder) = fixtures::shared_data("hydrogel_presses") else { return };
+    let skin = skin(&folder);
+    let responses = values(&folder, "press_response_2000x192.npy");
+    let positions = values(&folder, "press_xyz_2000x3_m.npy");
+    let truth = around(&positions, [0.046, -0.408]);
+    let [before, after] = before_and_after(&skin, &skin.changed(&responses));
+    let before = judge("hydrogel_presses, one-step at 64 pixels", &before, &truth);
+    let after = judge("hydrogel_presses, then the U-net", &after, &truth);
+    assert!(quantile(&before, 0.5) < 0.013 && quantile(&after, 0.5) < 0.020);
 }
 
 #[test]

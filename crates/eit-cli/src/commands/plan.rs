@@ -2,6 +2,7 @@
 
 mod left_out;
 mod method_words;
+mod net;
 mod sequence;
 mod stages;
 
@@ -36,7 +37,9 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     let frames = recording.as_ref().map(|frames| frames.values.nrows());
     let choice = method::choose(&scene, args.method.as_deref(), frames)?;
     let sequence = Sequence::of(&scene, &setup, choice.method, recording.as_mut(), &mut progress);
-    let stages = stages::of(&scene, &setup, choice.method, sequence);
+    let mut stages = stages::of(&scene, &setup, choice.method, sequence);
+    let of_net = (setup.protocol.measurements(), stages::skin_share(&setup));
+    stages.extend(net::of(&scene, crate::denoise::of_scene(&scene)?.as_ref(), of_net));
     let left_out = left_out::of(&scene, &setup, choice.method, sequence);
     let words = method_words::of(&scene, choice.method, sequence);
     let voltage_error = progress.stage("mesh-free comparison", || voltage_error(&scene, &setup))?;

@@ -11,6 +11,7 @@ use super::{Answer, ending};
 use crate::cli::TrainArgs;
 use crate::denoise::Scores;
 use crate::error::CliError;
+use crate::interrupt::Interrupt;
 use crate::output::OutFile;
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -49,13 +50,15 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let mut progress = Progress::default();
     let workshop = Workshop::new(&scene, args, &mut progress)?;
     let folder = args.base.clone().unwrap_or_else(|| args.out.with_extension("base"));
-    let base = base(args, &scene, (&workshop, threads), &folder, &mut progress)?;
+    let interrupt = Interrupt::listen()?;
+    let how = (threads, &interrupt);
+    let base = base(args, &scene, (&workshop, how), &folder, &mut progress)?;
     let (train, held_out) = progress.stage("read the base", || shards(&base))?;
     let name = base.checksum()?;
     let checkpoint = args.out.with_extension("checkpoint");
     let turns = workshop.turns();
     let pairs = (&train[..], &held_out[..], &turns[..]);
-    let how = (checkpoint.as_path(), threads, args.engine);
+    let how = (checkpoint.as_path(), threads, args.engine, &interrupt);
     let trainer = learn(&settings, pairs, &name, how, &mut progress)?;
     let skin = scene.skin_fingerprint()?;
     let bare = trainer.weights(&skin, base.settings().pixels, BTreeMap::new());
@@ -120,7 +123,7 @@ fn settings(args: &TrainArgs) -> Result<TrainSettings, CliError> {
 fn base(
     args: &TrainArgs,
     scene: &Scene,
-    (workshop, threads): (&Workshop<'_>, usize),
+    (workshop, (threads, interrupt)): (&Workshop<'_>, (usize, &Interrupt)),
     folder: &Path,
     progress: &mut Progress,
 ) -> Result<LearningBase, CliError> {
@@ -155,6 +158,14 @@ fn base(
             for (index, shard) in made {
                 base.write(index, &shard.map_err(|e| e.within(&format!("sequence {index}")))?)?;
                 bar.inc(1);
+                if interrupt.is_set() {
+                    return Err(CliError::Failure(format!(
+                        "interrupted: {} of {} sequences are in {}; the same command goes on",
+                        base.settings().shards - base.missing().len(),
+                        base.settings().shards,
+                        folder.display()
+                    )));
+                }
             }
             Ok::<_, CliError>(())
         })?;
@@ -181,7 +192,7 @@ fn learn(
     settings: &TrainSettings,
     (train, held_out, turns): (&[Shard], &[Shard], &[PixelTurn]),
     base: &str,
-    (checkpoint, threads, engine): (&Path, usize, Engine),
+    (checkpoint, threads, engine, interrupt): (&Path, usize, Engine, &Interrupt),
     progress: &mut Progress,
 ) -> Result<Trainer, CliError> {
     let history = settings.shape.history;
@@ -196,11 +207,23 @@ fn learn(
     progress.steps("training", settings.epochs * steps, |bar| {
         while trainer.status() == TrainStatus::Running {
             let done = trainer.curve().len() * steps;
-            trainer.epoch(&train, &held_out, threads, &mut |step, _| {
+            let made = trainer.epoch(&train, &held_out, threads, &mut |step, _| {
                 bar.set_position((done + step) as u64);
-                ControlFlow::Continue(())
+                match interrupt.is_set() {
+                    true => ControlFlow::Break(()),
+                    false => ControlFlow::Continue(()),
+                }
             })?;
+            if made.is_none() {
+                break;
+            }
             trainer.save(checkpoint)?;
+        }
+        if trainer.curve().is_empty() {
+            return Err(CliError::Failure(
+                "interrupted in the first epoch: nothing is learnt yet; the learning base stays"
+                    .to_owned(),
+            ));
         }
         Ok(trainer)
     })
@@ -208,7 +231,7 @@ fn learn(
 
 fn status_words(status: TrainStatus) -> &'static str {
     match status {
-        TrainStatus::Running => "not finished",
+        TrainStatus::Running => "interrupted: the same command goes on",
         TrainStatus::Done => "all done",
         TrainStatus::Stopped => "stopped early",
     }

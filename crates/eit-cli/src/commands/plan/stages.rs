@@ -277,7 +277,7 @@ impl Sizes<'_> {
 }
 
 /// Part of the raster's square that is skin.
-fn skin_share(setup: &Setup) -> f64 {
+pub(super) fn skin_share(setup: &Setup) -> f64 {
     let [low, high] = setup.mesh.surface().bounds_m();
     let side = (high[0] - low[0]).max(high[1] - low[1]);
     (setup.mesh.surface().areas_m2().iter().sum::<f64>() / (side * side)).min(1.0)
