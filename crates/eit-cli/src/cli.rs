@@ -484,10 +484,10 @@ pub(crate) struct TrainArgs {
     pub base: Option<PathBuf>,
     /// Sequences to simulate, or recordings, turned by the skin's symmetries again and again until
     /// there are so many; every sixth, at least one, is held out.
-    #[arg(long, value_name = "N", default_value_t = 24)]
+    #[arg(long, value_name = "N", default_value_t = 240)]
     pub sequences: usize,
     /// Frames of a sequence, 20 quiet ones included.
-    #[arg(long, value_name = "N", default_value_t = 140)]
+    #[arg(long, value_name = "N", default_value_t = 100)]
     pub frames: usize,
     /// Learn from this recording of the real skin instead of simulated touches; more than once for
     /// more. Nobody knows its truth: wanted images are the raw ones after the rule of Duan, Taurand
@@ -508,13 +508,13 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub history: usize,
     /// Channels of the net's first level; its cost grows with the square.
-    #[arg(long, value_name = "N", default_value_t = 6)]
+    #[arg(long, value_name = "N", default_value_t = 4)]
     pub width: usize,
     /// Times that the net halves the pixels.
     #[arg(long, value_name = "N", default_value_t = 3)]
     pub depth: usize,
     /// Epochs at most.
-    #[arg(long, value_name = "N", default_value_t = 30)]
+    #[arg(long, value_name = "N", default_value_t = 12)]
     pub epochs: usize,
     /// Examples of a step.
     #[arg(long, value_name = "N", default_value_t = 16)]

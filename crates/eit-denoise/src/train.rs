@@ -53,7 +53,7 @@ impl Default for TrainSettings {
         Self {
             shape: UnetShape::default(),
             seed: 1,
-            epochs: 30,
+            epochs: 12,
             batch: 16,
             rate: 2e-3,
             patience: 8,
