@@ -4,8 +4,10 @@ use super::workshop::Workshop;
 use crate::denoise::{Scores, scores};
 use crate::error::CliError;
 use eit_denoise::{Denoiser, Evidence, ImageStack, Misfit, Shard, ThresholdRule, Weights};
-use ndarray::{Array3, Axis, concatenate};
+use ndarray::{Array3, ArrayView2, Axis, concatenate};
 
+/// Part of the largest wanted value from which on something touches.
+const TOUCHED: f32 = 0.1;
 /// Part of the held-out frames whose image may look as if it did not explain the data.
 const NOT_BELIEVED: f64 = 0.02;
 
@@ -33,7 +35,8 @@ pub(super) fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<S
 }
 
 /// The part of the data's energy that the net's images of held-out frames leave unexplained, all
-/// but [`NOT_BELIEVED`] of them.
+/// but [`NOT_BELIEVED`] of them. Only frames in which something touches: between touches the data is
+/// drift and what relaxes, which no image of a touch explains.
 pub(super) fn misfit_limit(
     weights: &Weights,
     held_out: &[Shard],
@@ -41,6 +44,9 @@ pub(super) fn misfit_limit(
 ) -> Result<Option<f64>, CliError> {
     let jacobian = workshop.pixel_jacobian()?;
     let mut known: Vec<Misfit> = Vec::new();
+    let peak = |image: ArrayView2<'_, f32>| image.iter().fold(0.0_f32, |most, v| v.max(most));
+    let wanted = || held_out.iter().flat_map(|shard| shard.wanted.outer_iter());
+    let most = wanted().map(peak).fold(0.0, f32::max);
     for shard in held_out {
         let Some(data) = &shard.data else { continue };
         let noise_std: Vec<f64> = data.noise_std.iter().map(|std| f64::from(*std)).collect();
@@ -48,7 +54,8 @@ pub(super) fn misfit_limit(
         let mut net = Denoiser::new(weights, shard.mask.view())?;
         let raw = ImageStack::new(shard.raw.mapv(f64::from), shard.mask.clone())?;
         let made = net.denoise(&raw)?;
-        for (image, differences) in made.iter().zip(data.differences.outer_iter()) {
+        let frames = made.iter().zip(data.differences.outer_iter()).zip(shard.wanted.outer_iter());
+        for ((image, differences), _) in frames.filter(|f| peak(f.1) >= TOUCHED * most) {
             let differences = differences.mapv(f64::from).to_vec();
             known.push(evidence.misfit(image, &differences)?);
         }
