@@ -83,15 +83,23 @@ pub(crate) fn device(
     }
 }
 
+/// An electrode that a drive leaves alone: potentials are against it.
+fn free_electrode(drive: [u32; 2]) -> u32 {
+    (0..).find(|electrode| !drive.contains(electrode)).unwrap_or_default()
+}
+
 /// Measurements whose voltages the device needs: those it sends, and of a Sciospec instrument each
-/// potential against that of electrode 0.
+/// potential against that of an electrode that is not driven.
 fn quadruples(instrument: &Instrument) -> Vec<Quadruple> {
     match &instrument.kind {
         DriverKind::Eits1 => instrument.quadruples.clone(),
         DriverKind::Sciospec(settings) => {
-            let others = 1..settings.electrodes;
-            let drives = settings.drives.iter();
-            drives.flat_map(|&[a, b]| others.clone().map(move |e| [a, b, e, 0])).collect()
+            let electrodes = settings.electrodes;
+            let of_drive = |&[a, b]: &[u32; 2]| {
+                let free = free_electrode([a, b]);
+                (0..electrodes).filter(move |&e| e != free).map(move |e| [a, b, e, free])
+            };
+            settings.drives.iter().flat_map(of_drive).collect()
         }
         DriverKind::Board(board) => match &board.layout {
             Layout::Quadruples(quadruples) => quadruples.clone(),
@@ -208,12 +216,14 @@ fn sciospec(
         let found = drives.iter().position(|drive| *drive == [a, b] || *drive == [b, a]);
         let Some(drive) = found else { return potentials.fill([0.0; 2]) };
         let sign = if drives[drive] == [a, b] { 1.0 } else { -1.0 };
-        let first = drive * (electrodes - 1);
+        let free = free_electrode([a, b]) as usize;
+        let mut index = drive * (electrodes - 1);
         for (electrode, slot) in potentials.iter_mut().enumerate() {
-            *slot = match electrode {
-                0 => [0.0; 2],
-                e => played.at(number, first + e - 1).map(|part| sign * part),
-            };
+            *slot = [0.0; 2];
+            if electrode != free {
+                *slot = played.at(number, index).map(|part| sign * part);
+                index += 1;
+            }
         }
         // against the mean, as against an instrument's ground
         let count = potentials.len() as f64;
