@@ -1,5 +1,11 @@
 //! The command line.
 
+mod live;
+
+pub(crate) use live::{
+    CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, RecordArgs, ReplayArgs, WatchArgs,
+};
+
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
 
@@ -144,163 +150,6 @@ pub(crate) enum Command {
     /// Example: eit emulate my.toml --port /tmp/skin --fault unplug_after_bytes=[100000], then
     /// eit live my.toml --port /tmp/skin
     Emulate(EmulateArgs),
-}
-
-/// `eit devices`
-#[derive(Debug, Args)]
-pub(crate) struct DevicesArgs {
-    /// Ask this scene's instrument who it is.
-    pub scene: Option<String>,
-    /// Port instead of the scene's: /dev/ttyACM0, COM3 or tcp:host:port.
-    #[arg(long, value_name = "P", requires = "scene")]
-    pub port: Option<String>,
-}
-
-/// `eit check`
-#[derive(Debug, Args)]
-pub(crate) struct CheckArgs {
-    /// Scene file or built-in scene.
-    pub scene: String,
-    /// Port instead of the scene's.
-    #[arg(long, value_name = "P")]
-    pub port: Option<String>,
-    /// Frames to take.
-    #[arg(long, value_name = "N", default_value_t = 100)]
-    pub frames: usize,
-    /// Seconds to wait for them at most; fewer frames will do from 8 on.
-    #[arg(long, value_name = "S", default_value_t = 30.0)]
-    pub seconds: f64,
-}
-
-/// `eit live` and what `eit replay` shares with it.
-#[derive(Debug, Args)]
-pub(crate) struct WatchArgs {
-    /// Frames at the start of each epoch that are the reference and show the noise.
-    #[arg(long, value_name = "N", default_value_t = 40)]
-    pub quiet: usize,
-    /// Only the first N frames behind the reference.
-    #[arg(long, value_name = "N")]
-    pub frames: Option<u64>,
-    /// Picture of the latest image, drawn anew up to five times a second: F.png.
-    #[arg(long, value_name = "F.png")]
-    pub picture: Option<PathBuf>,
-    /// Folder for images.npy [frame, row, column] and touches.csv of all frames, at the end.
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-}
-
-/// `eit live`
-#[derive(Debug, Args)]
-pub(crate) struct LiveArgs {
-    /// Scene file or built-in scene.
-    pub scene: String,
-    /// Port instead of the scene's.
-    #[arg(long, value_name = "P")]
-    pub port: Option<String>,
-    /// How it is watched.
-    #[command(flatten)]
-    pub watch: WatchArgs,
-    /// End after so many seconds.
-    #[arg(long, value_name = "S")]
-    pub seconds: Option<f64>,
-    /// Record meanwhile: F.mcap.
-    #[arg(long, value_name = "F.mcap")]
-    pub record: Option<PathBuf>,
-}
-
-/// `eit record`
-#[derive(Debug, Args)]
-pub(crate) struct RecordArgs {
-    /// Scene file or built-in scene.
-    pub scene: String,
-    /// Port instead of the scene's.
-    #[arg(long, value_name = "P")]
-    pub port: Option<String>,
-    /// The recording: F.mcap.
-    #[arg(long, value_name = "F.mcap")]
-    pub out: PathBuf,
-    /// End after so many frames.
-    #[arg(long, value_name = "N")]
-    pub frames: Option<u64>,
-    /// End after so many seconds.
-    #[arg(long, value_name = "S")]
-    pub seconds: Option<f64>,
-    /// Go on with a recording, also one that was cut by a crash.
-    #[arg(long)]
-    pub append: bool,
-    /// Force what is written to the disk every second: it survives a power cut too.
-    #[arg(long)]
-    pub sync: bool,
-    /// A note at its beginning.
-    #[arg(long, value_name = "TEXT")]
-    pub note: Option<String>,
-}
-
-/// `eit replay`
-#[derive(Debug, Args)]
-pub(crate) struct ReplayArgs {
-    /// Scene file or built-in scene.
-    pub scene: String,
-    /// The recording: F.mcap.
-    #[arg(long, value_name = "F.mcap")]
-    pub from: PathBuf,
-    /// How it is watched.
-    #[command(flatten)]
-    pub watch: WatchArgs,
-    /// So many times as fast as it was recorded [default: as fast as possible].
-    #[arg(long, value_name = "X", conflicts_with = "step")]
-    pub speed: Option<f64>,
-    /// One frame for each line on stdin: press Enter.
-    #[arg(long)]
-    pub step: bool,
-}
-
-/// `eit convert`
-#[derive(Debug, Args)]
-pub(crate) struct ConvertArgs {
-    /// Recording of any format that is read.
-    pub input: PathBuf,
-    /// Result: F.mcap, F.csv or F.npy; one frame a row.
-    #[arg(long, value_name = "F")]
-    pub out: PathBuf,
-    /// Put the values into the order of this scene's protocol.
-    #[arg(long, value_name = "SCENE")]
-    pub scene: Option<String>,
-    /// Rows of a table alternate real and imaginary parts.
-    #[arg(long)]
-    pub complex: bool,
-}
-
-/// `eit emulate`
-#[derive(Debug, Args)]
-pub(crate) struct EmulateArgs {
-    /// Scene file or built-in scene.
-    pub scene: String,
-    /// Where it is found: a path where nothing is yet (a pseudo-terminal), or tcp:127.0.0.1:PORT
-    /// (0: a free one, which is printed).
-    #[arg(long, value_name = "P")]
-    pub port: String,
-    /// Frames in the scene's protocol: frames.npy of `eit simulate`, a recording, any format that
-    /// is read.
-    #[arg(long, value_name = "F")]
-    pub frames: Option<PathBuf>,
-    /// Frames a second of a board that sends them by itself [default: 20]; others are told theirs.
-    #[arg(long, value_name = "R")]
-    pub rate_hz: Option<f64>,
-    /// Serial number.
-    #[arg(long, value_name = "TEXT", default_value = "1")]
-    pub serial: String,
-    /// What goes wrong, several times if wanted: drop_byte, flip_bit, insert_byte, pause
-    /// (probability of each byte), pause_s, unplug_after_bytes=[N, ...], unplugged_s, spared_bytes,
-    /// line_baud.
-    #[arg(long, value_name = "KEY=VALUE")]
-    pub fault: Vec<String>,
-    /// Seed of noise and faults.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seed: u64,
-    /// End after so many seconds.
-    #[arg(long, value_name = "S")]
-    pub seconds: Option<f64>,
 }
 
 /// `eit demo`

@@ -1,5 +1,8 @@
 //! The instrument of a scene as a program: what it measures, and the device that sends it.
 
+mod arrange;
+
+use self::arrange::arranged;
 use crate::error::CliError;
 use crate::pipeline;
 use crate::progress::Progress;
@@ -11,7 +14,7 @@ use eit_hw::{Layout, Quadruple, Unit};
 use ndarray::Array2;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
-use std::collections::{HashMap, VecDeque};
+use std::collections::HashMap;
 use std::path::Path;
 
 /// Noise of the untouched skin where the scene states none, as a part of the median voltage: 80 dB.
@@ -80,15 +83,23 @@ pub(crate) fn device(
     }
 }
 
+/// An electrode that a drive leaves alone: potentials are against it.
+fn free_electrode(drive: [u32; 2]) -> u32 {
+    (0..).find(|electrode| !drive.contains(electrode)).unwrap_or_default()
+}
+
 /// Measurements whose voltages the device needs: those it sends, and of a Sciospec instrument each
-/// potential against that of electrode 0.
+/// potential against that of an electrode that is not driven.
 fn quadruples(instrument: &Instrument) -> Vec<Quadruple> {
     match &instrument.kind {
         DriverKind::Eits1 => instrument.quadruples.clone(),
         DriverKind::Sciospec(settings) => {
-            let others = 1..settings.electrodes;
-            let drives = settings.drives.iter();
-            drives.flat_map(|&[a, b]| others.clone().map(move |e| [a, b, e, 0])).collect()
+            let electrodes = settings.electrodes;
+            let of_drive = |&[a, b]: &[u32; 2]| {
+                let free = free_electrode([a, b]);
+                (0..electrodes).filter(move |&e| e != free).map(move |e| [a, b, e, free])
+            };
+            settings.drives.iter().flat_map(of_drive).collect()
         }
         DriverKind::Board(board) => match &board.layout {
             Layout::Quadruples(quadruples) => quadruples.clone(),
@@ -164,71 +175,6 @@ fn mismatch(scene: &Scene, instrument: &Instrument, why: &str) -> CliError {
     ))
 }
 
-/// Differences of potentials that follow from those that were measured, under each drive. The
-/// potential of a driven electrode of which nothing was measured is set beyond all others, as it is
-/// on a real skin: above where current enters, below where it leaves.
-fn arranged(
-    own: &[Quadruple],
-    values: &Array2<f64>,
-    wanted: &[Quadruple],
-) -> Result<Array2<f64>, String> {
-    let mut by_drive: HashMap<[u32; 2], Vec<(usize, [u32; 2], f64)>> = HashMap::new();
-    for (index, &[a, b, m, n]) in own.iter().enumerate() {
-        let sign = if a < b { 1.0 } else { -1.0 };
-        by_drive.entry([a.min(b), a.max(b)]).or_default().push((index, [m, n], sign));
-    }
-    let mut arranged = Array2::zeros((values.nrows(), wanted.len()));
-    for (column, &[a, b, m, n]) in wanted.iter().enumerate() {
-        let known = by_drive.get(&[a.min(b), a.max(b)]).ok_or_else(|| {
-            format!("it drives ({a}, {b}) (electrodes from 0), and the scene does not")
-        })?;
-        let sign = if a < b { 1.0 } else { -1.0 };
-        let path = path(known, m, n);
-        for (row, frame) in values.rows().into_iter().enumerate() {
-            let value = match &path {
-                Some(steps) => steps.iter().map(|&(index, s)| s * frame[index]).sum(),
-                None => {
-                    let reach: f64 = known.iter().map(|&(index, ..)| frame[index].abs()).sum();
-                    let end = |e: u32| f64::from(u8::from(e == a)) - f64::from(u8::from(e == b));
-                    sign * reach * (end(m) - end(n))
-                }
-            };
-            arranged[[row, column]] = sign * value;
-        }
-    }
-    Ok(arranged)
-}
-
-/// Signed measurements whose sum is u(m) - u(n) under a drive from its smaller electrode to its
-/// larger; breadth first, so that what was measured itself is one step.
-fn path(known: &[(usize, [u32; 2], f64)], m: u32, n: u32) -> Option<Vec<(usize, f64)>> {
-    let mut came: HashMap<u32, (u32, usize, f64)> = HashMap::new();
-    let mut queue = VecDeque::from([m]);
-    while let Some(at) = queue.pop_front() {
-        if at == n {
-            break;
-        }
-        for &(index, [p, q], sign) in known {
-            let (next, step) = match () {
-                () if p == at => (q, sign),
-                () if q == at => (p, -sign),
-                () => continue,
-            };
-            if next != m && !came.contains_key(&next) {
-                came.insert(next, (at, index, step));
-                queue.push_back(next);
-            }
-        }
-    }
-    let (mut steps, mut at) = (Vec::new(), n);
-    while at != m {
-        let &(before, index, step) = came.get(&at)?;
-        steps.push((index, step));
-        at = before;
-    }
-    Some(steps)
-}
-
 fn eits1(instrument: &Instrument, serial: &str, mut played: Played) -> Box<dyn Device> {
     let complex = played.imaginary.is_some();
     let information = Information {
@@ -270,12 +216,14 @@ fn sciospec(
         let found = drives.iter().position(|drive| *drive == [a, b] || *drive == [b, a]);
         let Some(drive) = found else { return potentials.fill([0.0; 2]) };
         let sign = if drives[drive] == [a, b] { 1.0 } else { -1.0 };
-        let first = drive * (electrodes - 1);
+        let free = free_electrode([a, b]) as usize;
+        let mut index = drive * (electrodes - 1);
         for (electrode, slot) in potentials.iter_mut().enumerate() {
-            *slot = match electrode {
-                0 => [0.0; 2],
-                e => played.at(number, first + e - 1).map(|part| sign * part),
-            };
+            *slot = [0.0; 2];
+            if electrode != free {
+                *slot = played.at(number, index).map(|part| sign * part);
+                index += 1;
+            }
         }
         // against the mean, as against an instrument's ground
         let count = potentials.len() as f64;
@@ -305,25 +253,4 @@ fn text_board(
     // the device knows no scene: it sends what it is given
     board.layout = Layout::AsScene;
     Box::new(BoardDevice::new(board, instrument.frame_rate_hz, Box::new(source)))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use ndarray::array;
-
-    /// Potentials of a drive are found along what was measured, with its signs.
-    #[test]
-    fn potentials_follow_from_differences() {
-        // u = 0, 5, 3, 4, 1 under the drive (0, 1), which is also written the other way round
-        let own = [[0, 1, 1, 2], [1, 0, 3, 2], [0, 1, 4, 3]];
-        let values = array![[2.0, -1.0, -3.0]];
-        let wanted = [[0, 1, 1, 4], [1, 0, 1, 4], [0, 1, 2, 3]];
-        let found = arranged(&own, &values, &wanted).unwrap();
-        assert_eq!(found, array![[4.0, -4.0, -1.0]]);
-        // nothing tells of electrode 0 but that current enters there
-        let driven = arranged(&own, &values, &[[0, 1, 0, 2], [1, 0, 0, 2]]).unwrap();
-        assert!(driven[[0, 0]] > 2.0 && driven[[0, 1]] == -driven[[0, 0]], "{driven}");
-        assert!(arranged(&own, &values, &[[0, 2, 3, 4]]).is_err());
-    }
 }

@@ -161,15 +161,9 @@ fn frames_that_cannot_be() {
 }
 
 #[test]
-fn missing_files_and_sections_of_other_versions() {
+fn missing_files() {
     let found = refuse(&["reconstruct", "paper-disc", "--out", "unused-folder"]);
     assert!(found.contains("--frames"), "{found}");
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("out");
-    let scene = write_scene(folder.path(), &format!("{SMALL}\n[instrument]\ndriver = \"text\"\n"));
-    let found = refuse(&["reconstruct", text(&scene), "--out", text(&out)]);
-    assert!(found.contains("[instrument] is not in this version"), "{found}");
-    assert!(!out.exists(), "refused before anything is made");
 }
 
 /// Wrong usage is one line too.

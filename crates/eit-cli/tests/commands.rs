@@ -10,9 +10,23 @@ use serde_json::Value;
 #[test]
 fn help_teaches_every_command() {
     let help = succeed(&["--help"]);
-    for command in
-        ["demo", "plan", "mesh", "forward", "jacobian", "simulate", "reconstruct", "report"]
-    {
+    for command in [
+        "demo",
+        "plan",
+        "mesh",
+        "forward",
+        "jacobian",
+        "simulate",
+        "reconstruct",
+        "report",
+        "devices",
+        "check",
+        "live",
+        "record",
+        "replay",
+        "convert",
+        "emulate",
+    ] {
         assert!(help.contains(&format!("  {command} ")), "{command}");
         assert!(succeed(&[command, "--help"]).contains("Usage"), "{command}");
     }

@@ -46,7 +46,8 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     let complex = table.imaginary.is_some();
     if complex && ending != "mcap" {
         notes.push(
-            "real and imaginary parts alternate: read it with [recording] complex = true".into(),
+            "rows of real and imaginary parts alternate: read it with [recording] complex = true"
+                .into(),
         );
     }
     let count = table.real.ncols();
@@ -139,21 +140,18 @@ fn write_table(
     format: &str,
 ) -> Result<(usize, usize), CliError> {
     let parts = |row: usize| {
-        let real = table.real.row(row).to_vec();
         let imaginary = table.imaginary.as_ref().map(|parts| parts.row(row).to_vec());
-        match imaginary {
-            None => real,
-            Some(imaginary) => real.iter().zip(&imaginary).flat_map(|(&x, &y)| [x, y]).collect(),
-        }
+        std::iter::once(table.real.row(row).to_vec()).chain(imaginary).collect::<Vec<_>>()
     };
-    let rows: Vec<Vec<f64>> = (0..table.real.nrows()).map(parts).collect();
-    let finite: Vec<&Vec<f64>> =
-        rows.iter().filter(|row| row.iter().all(|value| value.is_finite())).collect();
-    let width = rows.first().map_or(0, Vec::len);
-    let values = Array2::from_shape_fn((finite.len(), width), |(i, j)| finite[i][j]);
+    let frames = table.real.nrows();
+    let is_finite = |rows: &Vec<Vec<f64>>| rows.iter().flatten().all(|value| value.is_finite());
+    let kept: Vec<Vec<Vec<f64>>> = (0..frames).map(parts).filter(is_finite).collect();
+    let rows: Vec<&Vec<f64>> = kept.iter().flatten().collect();
+    let shape = (rows.len(), table.real.ncols());
+    let values = Array2::from_shape_fn(shape, |(row, column)| rows[row][column]);
     OutFile::new(&args.out)?.write(|out| match format {
         "npy" => write_npy(&values, out),
         _ => write_csv(values.view(), out),
     })?;
-    Ok((finite.len(), rows.len() - finite.len()))
+    Ok((kept.len(), frames - kept.len()))
 }

@@ -86,6 +86,10 @@ fn listen(port: &str) -> Result<Listen, CliError> {
     #[cfg(unix)]
     {
         let path = std::path::PathBuf::from(port);
+        // what an emulator that was killed has left leads nowhere
+        if path.is_symlink() && !path.exists() {
+            std::fs::remove_file(&path).map_err(|e| CliError::at(&path, e))?;
+        }
         if path.symlink_metadata().is_ok() {
             return Err(CliError::input(format!(
                 "--port {port}: exists; name a path where nothing is, or tcp:127.0.0.1:PORT"

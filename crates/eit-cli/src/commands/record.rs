@@ -36,6 +36,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
         connect::open(&scene, &instrument, args.port.as_deref(), Overflow::Fail)
     })?;
     let record = connect::session_record(&scene, &instrument, &session)?;
+    let bytes_before = std::fs::metadata(place).map_or(0, |data| data.len());
     let settings = CaptureSettings { sync: args.sync, ..CaptureSettings::default() };
     let mut writer = match place.exists() {
         true => CaptureWriter::append(place, &record, settings)?,
@@ -64,7 +65,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
     session.stop();
     let interrupted = ended.map_err(|error| stopped(error, place, taken.frames))?;
     writer.finish().map_err(|error| stopped(error.into(), place, taken.frames))?;
-    Ok(answer(place, &session, &taken, interrupted))
+    Ok(answer((place, bytes_before), &session, &taken, interrupted))
 }
 
 /// A place that cannot be written to is bad input, other than a disk that gets full.
@@ -128,16 +129,22 @@ fn stopped(error: CliError, place: &Path, frames: u64) -> CliError {
     CliError::Failure(format!("the recording has stopped: {error}; {left}"))
 }
 
-fn answer(place: &Path, session: &Session, taken: &Taken, interrupted: bool) -> Answer {
+fn answer(
+    (place, bytes_before): (&Path, u64),
+    session: &Session,
+    taken: &Taken,
+    interrupted: bool,
+) -> Answer {
     let statistics = session.statistics();
     let bytes = std::fs::metadata(place).map_or(0, |data| data.len());
+    let new_bytes = bytes.saturating_sub(bytes_before);
     let text = format!(
         "{} frames of {} in {}, {:.1} kB a frame; {} lost, {} with flagged values, {} damaged \
          bytes, {} reconnections",
         taken.frames,
         session.setup().identity,
         place.display(),
-        1e-3 * bytes as f64 / taken.frames.max(1) as f64,
+        1e-3 * new_bytes as f64 / taken.frames.max(1) as f64,
         statistics.lost,
         statistics.flagged,
         statistics.damaged_bytes,

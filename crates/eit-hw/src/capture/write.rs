@@ -1,7 +1,9 @@
 //! Writing of recordings.
 
+mod sink;
+
 use std::fs::{File, OpenOptions};
-use std::io::{self, Seek, SeekFrom, Write};
+use std::io::{Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,6 +12,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions, Writer};
 
+use self::sink::Sink;
 use super::stream::CaptureReader;
 use super::{
     Entry, FrameJson, MAGIC, NO_METADATA, NoteJson, ReferenceRecord, SessionRecord, Topic,
@@ -56,32 +59,6 @@ pub struct CaptureWriter {
     json: Vec<u8>,
     /// Nothing is written any more: it is finished, or could not be written.
     finished: bool,
-}
-
-/// The end of a file. What begins every container is left out where it goes on with one.
-struct Sink {
-    file: File,
-    is_silent: Arc<AtomicBool>,
-}
-
-impl Write for Sink {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if self.is_silent.load(Ordering::Relaxed) {
-            Ok(bytes.len())
-        } else {
-            self.file.write(bytes)
-        }
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
-    }
-}
-
-impl Seek for Sink {
-    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.file.seek(to)
-    }
 }
 
 impl CaptureWriter {

@@ -3,7 +3,8 @@
 //! A message is a header of 20 bytes, a payload and a CRC-32C of both, COBS-encoded (Cheshire and
 //! Baker 1999) and ended by a byte 0. So a receiver is in step again at the next 0 after any loss,
 //! and a damaged message is taken for a good one with a probability of about 2^-32 (Koopman 2002).
-//! docs/EITS-1.md is the specification, `c/eits1.h` an encoder in C99.
+//! docs/EITS-1.md is the specification, `c/eits1.h` an encoder in C99. A few lines over the usual
+//! length, to have the layout of a message in one place.
 
 mod body;
 mod cobs;

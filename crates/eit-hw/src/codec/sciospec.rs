@@ -12,6 +12,12 @@
 //! `Sciospec/sciospec_EIT_matlab_example`), sciopy 1.0.1, imt-jku/EIT-Sciospec,
 //! PrinceDinali/Sciospec-EIT32-Interface, DavidMetzIMT/eit_app.
 
+mod code;
+mod data;
+
+pub use code::Code;
+pub use data::{DataFrame, Output};
+
 /// First and last byte of a system message or acknowledgement.
 pub const TAG_SYSTEM: u8 = 0x18;
 /// Software reset.
@@ -33,164 +39,6 @@ pub const GROUP: usize = 16;
 const LARGEST_V: f32 = 20.0;
 /// Tag, length, payload, tag.
 const LONGEST: usize = 258;
-
-/// A system message: answer to a command, or news.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Code {
-    /// 01: the syntax of the command was wrong.
-    Syntax,
-    /// 02: a command was interrupted for more than 10 ms.
-    Timeout,
-    /// 04: the device has started.
-    Booted,
-    /// 11: a TCP client has connected.
-    TcpConnected,
-    /// 81: the command was not executed.
-    NotExecuted,
-    /// 82: the command is not known.
-    Unknown,
-    /// 83: the command was executed.
-    Executed,
-    /// 84: the system is ready.
-    Ready,
-    /// 91 or 92, by the source: data was held up.
-    HoldUp(u8),
-    /// Any other.
-    Other(u8),
-}
-
-impl Code {
-    /// The code of this byte.
-    pub const fn of(byte: u8) -> Self {
-        match byte {
-            0x01 => Self::Syntax,
-            0x02 => Self::Timeout,
-            0x04 => Self::Booted,
-            0x11 => Self::TcpConnected,
-            0x81 => Self::NotExecuted,
-            0x82 => Self::Unknown,
-            0x83 => Self::Executed,
-            0x84 => Self::Ready,
-            0x91 | 0x92 => Self::HoldUp(byte),
-            other => Self::Other(other),
-        }
-    }
-
-    /// Its byte.
-    pub const fn byte(self) -> u8 {
-        match self {
-            Self::Syntax => 0x01,
-            Self::Timeout => 0x02,
-            Self::Booted => 0x04,
-            Self::TcpConnected => 0x11,
-            Self::NotExecuted => 0x81,
-            Self::Unknown => 0x82,
-            Self::Executed => 0x83,
-            Self::Ready => 0x84,
-            Self::HoldUp(byte) | Self::Other(byte) => byte,
-        }
-    }
-
-    /// Why a command failed, for codes that say so.
-    pub const fn failure(self) -> Option<&'static str> {
-        match self {
-            Self::Syntax => Some("wrong syntax"),
-            Self::Timeout => Some("the command was interrupted"),
-            Self::NotExecuted => Some("not executed"),
-            Self::Unknown => Some("unknown command"),
-            _ => None,
-        }
-    }
-}
-
-/// What data frames hold beside the voltages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Output {
-    /// The driven pair.
-    pub drive: bool,
-    /// The number of the frequency.
-    pub frequency_row: bool,
-    /// The device's clock.
-    pub time: bool,
-}
-
-impl Default for Output {
-    /// All.
-    fn default() -> Self {
-        Self { drive: true, frequency_row: true, time: true }
-    }
-}
-
-impl Output {
-    /// Payload bytes of a data frame.
-    pub const fn payload_bytes(self) -> usize {
-        1 + 2 * self.drive as usize
-            + 2 * self.frequency_row as usize
-            + 4 * self.time as usize
-            + 8 * GROUP
-    }
-}
-
-/// Potentials of 16 channels against the instrument's ground under one drive.
-///
-/// It makes sense where the group is 1 to 8, the drive two different electrodes of 1 to 128, and
-/// every voltage finite and within 20 V (the largest range is 10 V).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DataFrame {
-    /// Group of channels from 1: channel `16 (group - 1)` is its first, from 0.
-    pub group: u8,
-    /// The driven pair as the device names it, electrodes from 1.
-    pub drive: Option<[u8; 2]>,
-    /// Number of the frequency, from 1; some models send 0.
-    pub frequency_row: Option<u16>,
-    /// The device's clock in milliseconds, wrapping after 49.7 days.
-    pub time_ms: Option<u32>,
-    /// Real and imaginary part of each channel's potential in volt.
-    pub potentials_v: [[f32; 2]; GROUP],
-}
-
-impl DataFrame {
-    fn of(payload: &[u8], output: Output) -> Option<Self> {
-        let (&group, mut rest) = payload.split_first()?;
-        let mut drive = None;
-        if output.drive {
-            let (&pair, after) = rest.split_first_chunk::<2>()?;
-            (drive, rest) = (Some(pair), after);
-        }
-        let mut frequency_row = None;
-        if output.frequency_row {
-            let (&row, after) = rest.split_first_chunk::<2>()?;
-            (frequency_row, rest) = (Some(u16::from_be_bytes(row)), after);
-        }
-        let mut time_ms = None;
-        if output.time {
-            let (&time, after) = rest.split_first_chunk::<4>()?;
-            (time_ms, rest) = (Some(u32::from_be_bytes(time)), after);
-        }
-        let (floats, _) = rest.as_chunks::<4>();
-        let (parts, _) = floats.as_chunks::<2>();
-        let mut potentials_v = [[0.0; 2]; GROUP];
-        if parts.len() != GROUP {
-            return None;
-        }
-        for (potential, part) in potentials_v.iter_mut().zip(parts) {
-            *potential = part.map(f32::from_be_bytes);
-        }
-        let frame = Self { group, drive, frequency_row, time_ms, potentials_v };
-        frame.makes_sense().then_some(frame)
-    }
-
-    fn makes_sense(&self) -> bool {
-        let drive = self
-            .drive
-            .is_none_or(|[a, b]| a != b && (1..=128).contains(&a) && (1..=128).contains(&b));
-        // a NaN is in no range
-        let voltage = |v: &f32| (-LARGEST_V..=LARGEST_V).contains(v);
-        (1..=8).contains(&self.group)
-            && drive
-            && self.potentials_v.as_flattened().iter().all(voltage)
-    }
-}
 
 /// Appends a frame `[tag][length][payload][tag]`; the payload is cut at 255 bytes.
 pub fn encode(tag: u8, payload: &[u8], wire: &mut Vec<u8>) {

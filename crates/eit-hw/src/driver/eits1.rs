@@ -1,12 +1,13 @@
 //! EITS-1 instruments: see [`codec::eits1`](crate::codec::eits1) and docs/EITS-1.md.
 
+mod meaning;
+
 use std::time::{Duration, Instant};
 
+use self::meaning::{fill, reason, text, unwrapped};
 use super::{Driver, Found, Identity, Limits, RawFrame, Setup};
-use crate::codec::eits1::{
-    Configuration, Decoder, Event, Information, Kind, Message, Refusal, encode, flags,
-};
-use crate::error::{HwError, shortened};
+use crate::codec::eits1::{Configuration, Decoder, Event, Information, Kind, Message, encode};
+use crate::error::HwError;
 use crate::frame::{Quadruple, Quality};
 use crate::recording::Layout;
 use crate::transport::Link;
@@ -167,24 +168,6 @@ fn send(link: &mut Link, kind: Kind, sequence: u32, payload: &[u8]) -> Result<()
     link.write(&wire)
 }
 
-fn reason(payload: &[u8]) -> String {
-    let (code, text) = match payload {
-        [_, code, text @ ..] => (*code, String::from_utf8_lossy(text)),
-        _ => return "no reason given".into(),
-    };
-    let known = [
-        (Refusal::UnknownKind, "unknown command"),
-        (Refusal::Length, "wrong length"),
-        (Refusal::Value, "value cannot be set"),
-        (Refusal::Busy, "busy"),
-        (Refusal::Hardware, "hardware failure"),
-    ];
-    let why = known.iter().find(|(refusal, _)| *refusal as u8 == code);
-    let why = why.map_or_else(|| format!("code {code}"), |(_, why)| (*why).to_owned());
-    let text = shortened(&text.replace(char::is_control, "?"));
-    if text.is_empty() { why } else { format!("{why} ({text})") }
-}
-
 impl Driver for Eits1 {
     fn name(&self) -> &'static str {
         "eits1"
@@ -281,71 +264,5 @@ impl Driver for Eits1 {
 
     fn stop(&mut self, link: &mut Link) -> Result<(), HwError> {
         send(link, Kind::Stop, 0, &[])
-    }
-}
-
-/// The count without wrapping; `None` where it does not go forward.
-fn unwrapped(last: &mut Option<(u32, u64)>, sequence: u32) -> Option<u64> {
-    let count = match *last {
-        None => u64::from(sequence),
-        Some((before, count)) => {
-            let step = sequence.wrapping_sub(before);
-            if step == 0 || step > u32::MAX / 2 {
-                return None;
-            }
-            count + u64::from(step)
-        }
-    };
-    *last = Some((sequence, count));
-    Some(count)
-}
-
-fn fill(
-    message: &Message<'_>,
-    values: &mut [f64],
-    imaginary: &mut [f64],
-    flags_of: &mut [Quality],
-) {
-    let step = if message.is_complex() { 2 } else { 1 };
-    for (index, value) in message.values().map(f64::from).enumerate() {
-        let slot = if index % step == 0 {
-            values.get_mut(index / step)
-        } else {
-            imaginary.get_mut(index / step)
-        };
-        if let Some(slot) = slot {
-            *slot = value;
-        }
-    }
-    let mut all = Quality::GOOD;
-    if message.flags & flags::VALUE_FLAGS == 0 {
-        if message.flags & flags::SATURATED != 0 {
-            all |= Quality::SATURATED;
-        }
-        if message.flags & flags::ELECTRODE_OFF != 0 {
-            all |= Quality::OPEN;
-        }
-    }
-    for (slot, quality) in flags_of.iter_mut().zip(message.qualities()) {
-        *slot = quality | all;
-    }
-}
-
-fn text(payload: &[u8]) -> String {
-    String::from_utf8_lossy(payload).replace(char::is_control, "?")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::unwrapped;
-
-    #[test]
-    fn the_count_goes_on_where_the_sequence_wraps() {
-        let mut last = None;
-        assert_eq!(unwrapped(&mut last, u32::MAX), Some(u64::from(u32::MAX)));
-        assert_eq!(unwrapped(&mut last, u32::MAX), None);
-        assert_eq!(unwrapped(&mut last, 1), Some((1 << 32) + 1));
-        assert_eq!(unwrapped(&mut last, 0), None);
-        assert_eq!(unwrapped(&mut last, 2), Some((1 << 32) + 2));
     }
 }

@@ -1,11 +1,11 @@
 //! Whether an instrument and its skin are fit for use, and what to try where they are not.
 
 mod finding;
+mod measure;
 
 pub use finding::{Finding, Severity, Trouble, Verdict};
 
-use ndarray::ArrayView1;
-
+use self::measure::{drift, finite_median, flagged_shares, median, noise_std, open_electrodes};
 use super::reciprocity_error;
 use crate::error::{HwError, Place};
 use crate::frame::{Quadruple, Quality};
@@ -140,27 +140,6 @@ pub fn check_health(
     Ok(report)
 }
 
-/// Of the good pairs of successive values; NaN where there are fewer than three.
-fn noise_std(values: ArrayView1<'_, f64>, quality: ArrayView1<'_, Quality>) -> f64 {
-    let good = |index: usize| quality[index].is_good() && values[index].is_finite();
-    let steps = (1..values.len())
-        .filter(|&index| good(index) && good(index - 1))
-        .map(|index| (values[index] - values[index - 1]).abs())
-        .collect::<Vec<_>>();
-    if steps.len() < 3 {
-        return f64::NAN;
-    }
-    median(steps).map_or(f64::NAN, |median| MAD_TO_STD * median / std::f64::consts::SQRT_2)
-}
-
-fn drift(frames: &MeasuredFrames) -> Vec<f64> {
-    let count = frames.values.nrows();
-    let quarter = (count / 4).max(1);
-    let (first, _) = frames.mean_of(0..quarter);
-    let (last, _) = frames.mean_of(count - quarter..count);
-    last.iter().zip(first).map(|(last, first)| last - first).collect()
-}
-
 fn electrodes(
     frames: &MeasuredFrames,
     quadruples: &[Quadruple],
@@ -256,44 +235,6 @@ fn findings(
     findings
 }
 
-/// Electrodes of which most values are flagged, worst first, with that share. Each is judged by the
-/// measurements that no worse one is part of: neighbours share measurements.
-fn open_electrodes(
-    frames: &MeasuredFrames,
-    quadruples: &[Quadruple],
-    count: usize,
-) -> Vec<(u32, f64)> {
-    let mut left: Vec<(Quadruple, f64)> =
-        quadruples.iter().copied().zip(flagged_shares(frames)).collect();
-    let mut open = Vec::new();
-    for _ in 0..count {
-        let share = |electrode: u32| {
-            let of = left.iter().filter(|(quadruple, _)| quadruple.contains(&electrode));
-            let (sum, number) = of.fold((0.0, 0.0), |(sum, n), (_, share)| (sum + share, n + 1.0));
-            if number > 0.0 { sum / number } else { 0.0 }
-        };
-        let shares = (0..count as u32).map(|electrode| (electrode, share(electrode)));
-        let worst = shares.max_by(|(_, one), (_, other)| one.total_cmp(other));
-        let Some((electrode, share)) = worst.filter(|(_, share)| *share > FLAGGED_SHARE) else {
-            break;
-        };
-        open.push((electrode, share));
-        left.retain(|(quadruple, _)| !quadruple.contains(&electrode));
-    }
-    open
-}
-
-/// Share of each measurement's values with a flag.
-fn flagged_shares(frames: &MeasuredFrames) -> Vec<f64> {
-    let columns = frames.quality.columns().into_iter();
-    columns
-        .map(|column| {
-            let bad = column.iter().filter(|quality| !quality.is_good()).count();
-            bad as f64 / column.len() as f64
-        })
-        .collect()
-}
-
 /// What is wrong with one electrode, the surest sign first.
 fn electrode_trouble(report: &HealthReport, health: &ElectrodeHealth) -> Option<Trouble> {
     if let (Some(with), Some(without)) = (report.reciprocity, health.reciprocity_without)
@@ -306,16 +247,4 @@ fn electrode_trouble(report: &HealthReport, health: &ElectrodeHealth) -> Option<
     // its neighbours measure against it and are noisy too
     (health.noise_ratio > NOISY_FACTOR && health.noise_ratio >= 0.9 * noisiest)
         .then_some(Trouble::Noisy { ratio: health.noise_ratio })
-}
-
-fn finite_median(values: impl Iterator<Item = f64>) -> f64 {
-    median(values.filter(|value| value.is_finite()).collect()).unwrap_or(f64::NAN)
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return None;
-    }
-    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

@@ -1,0 +1,165 @@
+//! Boards by name, and how to talk to them.
+
+use super::Text;
+use crate::codec::text::{Decoder, TextFormat};
+use crate::driver::Driver;
+use crate::error::HwError;
+use crate::frame::Quadruple;
+use crate::recording::{Layout, Unit};
+
+/// What is sent to set a board up, and what it answers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Step {
+    /// Text to send, with its line end.
+    pub send: String,
+    /// Text that some line must hold afterwards; `None`: nothing is waited for.
+    pub expect: Option<String>,
+}
+
+/// A board and how to talk to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Board {
+    /// Its name.
+    pub name: String,
+    /// Bits a second.
+    pub baud: u32,
+    /// How it writes frames.
+    pub format: TextFormat,
+    /// How it is set up.
+    pub steps: Vec<Step>,
+    /// Text that asks for one frame; `None` where it sends them by itself.
+    pub request: Option<String>,
+    /// Electrodes of each value.
+    pub layout: Layout,
+    /// Unit of the scaled values.
+    pub unit: Unit,
+    /// One whole frame must come within this, or it is another board or baud rate.
+    pub first_frame_s: f64,
+}
+
+impl Board {
+    /// Names of [`Board::preset`].
+    pub const PRESETS: [&'static str; 7] = [
+        "openeit-8",
+        "openeit-16",
+        "openeit-32",
+        "cn0565-16",
+        "black-sensor-16",
+        "eit-microcontroller-16",
+        "serial-16",
+    ];
+
+    /// A public board by name; sources in [`TextFormat`]'s presets. Not verified on hardware.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] lists the names.
+    pub fn preset(name: &str) -> Result<Self, HwError> {
+        let open_eit = |electrodes: u32, letter: &str| {
+            let format = TextFormat::open_eit(electrodes).unwrap_or_default();
+            let order = loops(electrodes, electrodes / 2, false, |a, b, m, n| [a, b, n, m]);
+            let board = Self::new(name, 115_200, format, Layout::Quadruples(order));
+            // its receive buffer holds two bytes, and it answers with a banner
+            let steps = vec![Step { send: format!("{letter}\n"), expect: Some("mode".into()) }];
+            Self { steps, unit: Unit::Ohm, ..board }
+        };
+        let adjacent = || loops(16, 1, false, |a, b, m, n| [a, b, m, n]);
+        match name {
+            "openeit-8" => Ok(open_eit(8, "c")),
+            "openeit-16" => Ok(open_eit(16, "d")),
+            "openeit-32" => Ok(open_eit(32, "e")),
+            "cn0565-16" => {
+                let layout = Layout::Quadruples(adjacent());
+                let board = Self::new(name, 230_400, TextFormat::cn0565(), layout);
+                let send = "C 10,16,1,1,0\n".into();
+                let steps = vec![Step { send, expect: Some("!C OK".into()) }];
+                Ok(Self { steps, request: Some("V \n".into()), ..board })
+            }
+            "black-sensor-16" => {
+                // rows: source r + 1, sink r; columns: measured (k + 1, k)
+                let order = loops(16, 1, true, |a, b, m, n| [b, a, n, m]);
+                let layout = Layout::Quadruples(order);
+                Ok(Self::new(name, 115_200, TextFormat::black_sensor(), layout))
+            }
+            "eit-microcontroller-16" => {
+                let layout = Layout::Quadruples(adjacent());
+                let board = Self::new(name, 115_200, TextFormat::eit_microcontroller(), layout);
+                Ok(Self { request: Some("D".into()), unit: Unit::Volt, ..board })
+            }
+            "serial-16" => {
+                let order = (0..16_u32)
+                    .flat_map(|d| {
+                        (2..15).map(move |k| [d, d + 1, d + k, d + k + 1].map(|e| e % 16))
+                    })
+                    .collect();
+                let layout = Layout::Quadruples(order);
+                Ok(Self::new(name, 115_200, TextFormat::serial_16(), layout))
+            }
+            _ => Err(HwError::Setting {
+                name: "board",
+                value: format!("{:?}", crate::error::shortened(name)),
+                wanted: "openeit-8, openeit-16, openeit-32, cn0565-16, black-sensor-16, \
+                         eit-microcontroller-16 or serial-16",
+            }),
+        }
+    }
+
+    /// A board that streams frames of this format without being asked, values of unknown scale.
+    pub fn new(name: &str, baud: u32, format: TextFormat, layout: Layout) -> Self {
+        Self {
+            name: name.to_owned(),
+            baud,
+            format,
+            steps: Vec::new(),
+            request: None,
+            layout,
+            unit: Unit::Arbitrary,
+            first_frame_s: 5.0,
+        }
+    }
+
+    /// The driver of this board.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] where the format cannot be, or does not have as many values as the
+    /// layout.
+    pub fn driver(self) -> Result<Box<dyn Driver>, HwError> {
+        let count = self.format.measurements();
+        if let Some(found) = self.layout.value_count().filter(|&found| found != count) {
+            return Err(HwError::Setting {
+                name: "measurements of the layout",
+                value: found.to_string(),
+                wanted: "as many as a frame of the format has",
+            });
+        }
+        if !(self.first_frame_s > 0.0 && self.first_frame_s <= 3600.0) {
+            let value = self.first_frame_s.to_string();
+            return Err(HwError::Setting {
+                name: "first_frame_s",
+                value,
+                wanted: "above 0, to 3600",
+            });
+        }
+        let decoder = Decoder::new(self.format.clone())?;
+        Ok(Box::new(Text { board: self, decoder, asked: None }))
+    }
+}
+
+/// Drives (a, a + offset) and measured pairs (m, m + 1), both ascending, as most boards loop.
+fn loops(
+    count: u32,
+    offset: u32,
+    keep_driven: bool,
+    order: impl Fn(u32, u32, u32, u32) -> Quadruple,
+) -> Vec<Quadruple> {
+    let mut quadruples = Vec::new();
+    for a in 0..count {
+        let b = (a + offset) % count;
+        for m in 0..count {
+            let n = (m + 1) % count;
+            if keep_driven || ![m, n].iter().any(|e| [a, b].contains(e)) {
+                quadruples.push(order(a, b, m, n));
+            }
+        }
+    }
+    quadruples
+}

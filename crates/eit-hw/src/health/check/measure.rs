@@ -1,0 +1,80 @@
+//! Numbers that the findings rest on: noise, drift, flags.
+
+use ndarray::ArrayView1;
+
+use super::{FLAGGED_SHARE, MAD_TO_STD};
+use crate::frame::{Quadruple, Quality};
+use crate::recording::MeasuredFrames;
+
+/// Of the good pairs of successive values; NaN where there are fewer than three.
+pub(super) fn noise_std(values: ArrayView1<'_, f64>, quality: ArrayView1<'_, Quality>) -> f64 {
+    let good = |index: usize| quality[index].is_good() && values[index].is_finite();
+    let steps = (1..values.len())
+        .filter(|&index| good(index) && good(index - 1))
+        .map(|index| (values[index] - values[index - 1]).abs())
+        .collect::<Vec<_>>();
+    if steps.len() < 3 {
+        return f64::NAN;
+    }
+    median(steps).map_or(f64::NAN, |median| MAD_TO_STD * median / std::f64::consts::SQRT_2)
+}
+
+/// Change of each measurement from the first to the last quarter of the frames.
+pub(super) fn drift(frames: &MeasuredFrames) -> Vec<f64> {
+    let count = frames.values.nrows();
+    let quarter = (count / 4).max(1);
+    let (first, _) = frames.mean_of(0..quarter);
+    let (last, _) = frames.mean_of(count - quarter..count);
+    last.iter().zip(first).map(|(last, first)| last - first).collect()
+}
+
+/// Electrodes of which most values are flagged, worst first, with that share. Each is judged by the
+/// measurements that no worse one is part of: neighbours share measurements.
+pub(super) fn open_electrodes(
+    frames: &MeasuredFrames,
+    quadruples: &[Quadruple],
+    count: usize,
+) -> Vec<(u32, f64)> {
+    let mut left: Vec<(Quadruple, f64)> =
+        quadruples.iter().copied().zip(flagged_shares(frames)).collect();
+    let mut open = Vec::new();
+    for _ in 0..count {
+        let share = |electrode: u32| {
+            let of = left.iter().filter(|(quadruple, _)| quadruple.contains(&electrode));
+            let (sum, number) = of.fold((0.0, 0.0), |(sum, n), (_, share)| (sum + share, n + 1.0));
+            if number > 0.0 { sum / number } else { 0.0 }
+        };
+        let shares = (0..count as u32).map(|electrode| (electrode, share(electrode)));
+        let worst = shares.max_by(|(_, one), (_, other)| one.total_cmp(other));
+        let Some((electrode, share)) = worst.filter(|(_, share)| *share > FLAGGED_SHARE) else {
+            break;
+        };
+        open.push((electrode, share));
+        left.retain(|(quadruple, _)| !quadruple.contains(&electrode));
+    }
+    open
+}
+
+/// Share of each measurement's values with a flag.
+pub(super) fn flagged_shares(frames: &MeasuredFrames) -> Vec<f64> {
+    let columns = frames.quality.columns().into_iter();
+    columns
+        .map(|column| {
+            let bad = column.iter().filter(|quality| !quality.is_good()).count();
+            bad as f64 / column.len() as f64
+        })
+        .collect()
+}
+
+/// The median of the finite values; NaN where there is none.
+pub(super) fn finite_median(values: impl Iterator<Item = f64>) -> f64 {
+    median(values.filter(|value| value.is_finite()).collect()).unwrap_or(f64::NAN)
+}
+
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return None;
+    }
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}

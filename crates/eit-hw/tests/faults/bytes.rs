@@ -1,0 +1,288 @@
+//! Rows 1 to 4, 14 and 15: what the codecs make of damaged bytes.
+
+use eit_hw::codec::{eits1, sciospec, text};
+use text::{Fault, Framing, Number, TextFormat};
+
+use super::{eits1_frame, garbage, sciospec_frame};
+
+/// A codec under test: bytes in pieces to events as text.
+type Decode = Box<dyn Fn(&[&[u8]]) -> Vec<String>>;
+
+fn eits1_events(pieces: &[&[u8]]) -> Vec<String> {
+    let (mut decoder, mut events) = (eits1::Decoder::new(), Vec::new());
+    pieces.iter().for_each(|piece| decoder.push(piece, &mut |e| events.push(format!("{e:?}"))));
+    events
+}
+
+fn sciospec_events(pieces: &[&[u8]]) -> Vec<String> {
+    let mut decoder = sciospec::Decoder::new(sciospec::Output::default());
+    let mut events = Vec::new();
+    pieces.iter().for_each(|piece| decoder.push(piece, &mut |e| events.push(format!("{e:?}"))));
+    events
+}
+
+fn text_events(format: &TextFormat, pieces: &[&[u8]]) -> Vec<String> {
+    let mut decoder = text::Decoder::new(format.clone()).unwrap();
+    let mut events = Vec::new();
+    pieces.iter().for_each(|piece| decoder.push(piece, &mut |e| events.push(format!("{e:?}"))));
+    events
+}
+
+/// Every framing, with frames of few values.
+fn formats() -> Vec<TextFormat> {
+    let small = |framing, lines_per_frame, values_per_line| TextFormat {
+        framing,
+        lines_per_frame,
+        values_per_line,
+        ..TextFormat::default()
+    };
+    vec![
+        small(Framing::Lines, 1, 3),
+        small(Framing::StartLine("s".into()), 3, 2),
+        small(Framing::Prefix("magnitudes".into()), 1, 4),
+        small(Framing::EndLine("Done".into()), 4, 1),
+        TextFormat {
+            number: Number::HexInteger,
+            complex: true,
+            ..small(Framing::Prefix("!V".into()), 1, 4)
+        },
+    ]
+}
+
+/// Frame number `frame` as a board writes it; no two have a value in common.
+fn lines(format: &TextFormat, frame: usize) -> Vec<u8> {
+    let count = format.lines_per_frame * format.values_per_line;
+    let mut values = (0..count).map(|index| format.number.write((100 * frame + index) as f64));
+    let mut bytes = Vec::new();
+    if let Framing::StartLine(mark) = &format.framing {
+        bytes.extend(format!("{mark}\n").bytes());
+    }
+    for _ in 0..format.lines_per_frame {
+        if let Framing::Prefix(mark) = &format.framing {
+            let colon = if mark.starts_with('!') { "" } else { ":" };
+            bytes.extend(format!("{mark}{colon} ").bytes());
+        }
+        let line: Vec<_> = values.by_ref().take(format.values_per_line).collect();
+        bytes.extend(format!("{}\r\n", line.join(",")).bytes());
+    }
+    if let Framing::EndLine(mark) = &format.framing {
+        bytes.extend(format!("{mark}\r\n").bytes());
+    }
+    bytes
+}
+
+/// Codecs, a stream of four frames each, and the name of a frame's event.
+fn streams() -> Vec<(String, Decode, Vec<Vec<u8>>, &'static str)> {
+    let mut streams: Vec<(String, Decode, Vec<Vec<u8>>, _)> = vec![
+        (
+            "eits1".into(),
+            Box::new(eits1_events),
+            (0..4).map(|i| eits1_frame(i, 7, &[0.5, i as f32, 0.0])).collect(),
+            "Message",
+        ),
+        (
+            "sciospec".into(),
+            Box::new(sciospec_events),
+            (1..5).map(|i| sciospec_frame(1, [i, i + 1], 1, 5)).collect(),
+            "Data",
+        ),
+    ];
+    for format in formats() {
+        // the first line of plain lines may be cut, and so is passed over
+        let frames: Vec<_> = (0..5).map(|frame| lines(&format, frame)).collect();
+        let name = format!("{:?}", format.framing);
+        streams.push((name, Box::new(move |p| text_events(&format, p)), frames, "Frame"));
+    }
+    streams
+}
+
+#[test]
+fn row_01_any_chunking_gives_the_same_events() {
+    for (name, decode, frames, frame) in streams() {
+        let wire = frames.concat();
+        let whole = decode(&[&wire]);
+        let seen = whole.iter().filter(|event| event.starts_with(frame)).count();
+        assert!(seen >= frames.len() - 2, "{name}: {whole:?}");
+        for cut in 0..=wire.len() {
+            assert_eq!(decode(&[&wire[..cut], &wire[cut..]]), whole, "{name} cut at {cut}");
+        }
+        let bytes: Vec<&[u8]> = wire.chunks(1).collect();
+        assert_eq!(decode(&bytes), whole, "{name} byte by byte");
+    }
+}
+
+/// Of four frames, one is damaged and one may go with it; of text, the frame's own values may be
+/// changed, which no format without a checksum can show.
+#[test]
+fn row_02_one_damaged_byte_at_each_offset() {
+    for (name, decode, frames, frame) in streams() {
+        let good: Vec<String> =
+            decode(&[&frames.concat()]).into_iter().filter(|e| e.starts_with(frame)).collect();
+        let is_text = frame == "Frame";
+        // the second frame is damaged
+        let (before, after) = (frames[0].len(), frames[2..].concat());
+        for offset in 0..frames[1].len() {
+            let damaged = |change: &dyn Fn(&mut Vec<u8>)| {
+                let mut bytes = frames[1].clone();
+                change(&mut bytes);
+                [&frames.concat()[..before], &bytes, &after].concat()
+            };
+            let cases = [
+                (
+                    "dropped",
+                    damaged(&|b| {
+                        b.remove(offset);
+                    }),
+                ),
+                ("inserted", damaged(&|b| b.insert(offset, 0xB4))),
+                ("flipped", damaged(&|b| b[offset] ^= 0x10)),
+                ("doubled", damaged(&|b| b.insert(offset, b[offset]))),
+            ];
+            for (what, wire) in cases {
+                let events = decode(&[&wire]);
+                let told: Vec<_> = events.iter().filter(|e| e.starts_with(frame)).collect();
+                assert!(told.len() + 2 >= good.len(), "{name}, {what} at {offset}: {events:?}");
+                let wrong = told.iter().filter(|event| !good.contains(event)).count();
+                // a changed digit, or a float: at most the frame that was damaged
+                let may_be = usize::from(is_text || name == "sciospec");
+                assert!(wrong <= may_be, "{name}, {what} at {offset}: {told:?}");
+                let lengths_change = what != "flipped";
+                if name == "sciospec" && lengths_change {
+                    let shifted = told.iter().filter(|e| !good.contains(e)).count();
+                    // only a byte within the floats can be doubled or dropped unseen, and then the
+                    // end tag is not where it should be
+                    assert_eq!(shifted, 0, "{what} at {offset}: {told:?}");
+                }
+                assert_eq!(told.last(), good.iter().last().as_ref(), "{name}, {what} at {offset}");
+            }
+        }
+    }
+}
+
+#[test]
+fn row_03_wrong_lengths_and_end_tags() {
+    let one = sciospec_frame(1, [1, 2], 1, 5);
+    let data = |wire: &[u8]| {
+        sciospec_events(&[wire]).iter().filter(|event| event.starts_with("Data")).count()
+    };
+    for length in [0, 0x88, 0x8A, 0xFF] {
+        let mut wrong = one.clone();
+        wrong[1] = length;
+        let wire = [&one[..], &wrong, &one, &one].concat();
+        assert!((2..=3).contains(&data(&wire)), "length {length:02X}");
+    }
+    let mut wrong = one.clone();
+    *wrong.last_mut().unwrap() = 0xB5;
+    // the wrong tag is that of an answer, whose length is then waited for
+    assert_eq!(data(&[&one[..], &wrong, &one, &one].concat()), 3);
+    // cut at the end of the stream: nothing is told of the cut frame
+    for end in 0..one.len() {
+        assert_eq!(data(&[&one[..], &one[..end]].concat()), 1, "{end}");
+    }
+    let one = eits1_frame(1, 5, &[0.5; 4]);
+    for end in 0..one.len() {
+        let events = eits1_events(&[&one, &one[..end]]);
+        assert_eq!(events.len(), 1, "{end}: {events:?}");
+    }
+}
+
+#[test]
+fn row_04_tags_and_whole_frames_in_the_payload() {
+    // floats whose bytes are tags and an acknowledgement
+    let tags = [[0xB4, 0x89, 0x18, 0x01], [0x18, 0x01, 0x83, 0x18], [0x00, 0x00, 0xB4, 0x18]];
+    let mut potentials_v = [[0.0; 2]; 16];
+    for (k, potential) in potentials_v.iter_mut().enumerate() {
+        *potential = [f32::from_be_bytes(tags[k % 3]), f32::from_be_bytes(tags[(k + 1) % 3])];
+    }
+    let (drive, frequency_row, time_ms) = (Some([1, 2]), Some(1), Some(0x1801_8318));
+    let frame = sciospec::DataFrame { group: 1, drive, frequency_row, time_ms, potentials_v };
+    let mut one = Vec::new();
+    sciospec::encode_data(&frame, &mut one);
+    let wanted = format!("{:?}", sciospec::Event::Data(frame));
+    assert_eq!(sciospec_events(&[&one.repeat(5)]), vec![wanted.clone(); 5]);
+    // start in the middle of such a frame: no frame but whole ones
+    for start in 1..one.len() {
+        let events = sciospec_events(&[&one[start..], &one.repeat(4)]);
+        let data: Vec<_> = events.iter().filter(|event| event.starts_with("Data")).collect();
+        assert!((3..=4).contains(&data.len()), "{start}: {events:?}");
+        assert!(data.iter().all(|event| **event == wanted), "{start}");
+    }
+
+    // a whole message as the text of another one
+    let fake = eits1_frame(9, 5, &[1.0, 2.0]);
+    let mut wire = Vec::new();
+    let message = eits1::Message {
+        kind: eits1::Kind::Text,
+        sequence: 0,
+        device_time_us: 0,
+        flags: 0,
+        count: u16::try_from(fake.len()).unwrap(),
+        payload: &fake,
+    };
+    eits1::encode(&message, &mut wire).unwrap();
+    for start in 0..wire.len() {
+        let events = eits1_events(&[&wire[start..], &eits1_frame(3, 5, &[0.5])]);
+        assert!(!events.iter().any(|event| event.contains("sequence: 9")), "{start}: {events:?}");
+        assert!(events.last().unwrap().contains("sequence: 3"), "{start}");
+    }
+}
+
+/// What a damaged line is told as; the frame after it is always read.
+#[test]
+fn row_14_damaged_text() {
+    let format = TextFormat::csv(3);
+    let long = vec![b'1'; text::MAX_LINE_BYTES + 5];
+    let values = |found| Fault::Values { found, wanted: 3 };
+    let cases: Vec<(&[u8], Fault)> = vec![
+        (b"1,2", values(2)),
+        (b"1,2,3,4", values(4)),
+        (b"1,\xC3\xA4,3", Fault::NotANumber { field: 1 }),
+        (b"1,\xFF\xFE,3", Fault::NotANumber { field: 1 }),
+        (&long, Fault::TooLong),
+        // a comma lost: two values are one
+        (b"12,3", values(2)),
+        (b"1,2.3.4,5", Fault::NotANumber { field: 1 }),
+        (b"1,nan,3", Fault::NotANumber { field: 1 }),
+        (b"1,inf,3", Fault::NotANumber { field: 1 }),
+        (b"1,FAILED Impedance Measurement,3", Fault::NotANumber { field: 1 }),
+    ];
+    for (line, fault) in cases {
+        let wire = [b"0,0,0\n7,8,9\n".as_slice(), line, b"\n4,5,6\n"].concat();
+        let events = text_events(&format, &[&wire]);
+        let name = String::from_utf8_lossy(&line[..line.len().min(30)]).into_owned();
+        assert!(events.contains(&format!("Skipped({fault:?})")), "{name}: {events:?}");
+        assert!(events[1].contains("[7.0, 8.0, 9.0]"), "{name}: {events:?}");
+        assert!(events.last().unwrap().contains("[4.0, 5.0, 6.0]"), "{name}: {events:?}");
+        // nothing else is told as a frame
+        assert_eq!(events.iter().filter(|e| e.starts_with("Frame")).count(), 2, "{name}");
+    }
+    // any line end, also mixed; empty lines and a comma at the end do not count
+    let wire = b"0,0,0\n1,2,3\r\n4,5,6\r7,8,9,\n\r\n\n1,2,3\n";
+    let events = text_events(&format, &[wire]);
+    assert_eq!(events.iter().filter(|e| e.starts_with("Frame")).count(), 4, "{events:?}");
+    // hexadecimal without padding, and a line whose number of values is another board's
+    let hex = TextFormat { number: Number::HexInteger, ..TextFormat::csv(3) };
+    let events = text_events(&hex, &[b"0,0,0\nff,f,ffffd8f1\n1,2,3,4\n"]);
+    assert!(events[1].contains("[255.0, 15.0, -9999.0]"), "{events:?}");
+    assert!(events[2].starts_with("Skipped"), "{events:?}");
+}
+
+#[test]
+fn row_15_every_flipped_bit_and_a_million_bytes_of_garbage() {
+    let (one, next) = (eits1_frame(7, 5, &[1.5, -0.25, 0.0]), eits1_frame(8, 6, &[2.0]));
+    for bit in 0..8 * (one.len() - 1) {
+        let mut wire = one.clone();
+        wire[bit / 8] ^= 1 << (bit % 8);
+        let events = eits1_events(&[&wire, &next]);
+        let told: Vec<_> = events.iter().filter(|e| e.starts_with("Message")).collect();
+        assert!(told.len() == 1 && told[0].contains("sequence: 8"), "bit {bit}: {events:?}");
+    }
+    let garbage = garbage(1_000_000, 42);
+    for (name, decode, frames, frame) in streams() {
+        let events = decode(&[&garbage, b"\0\n", &frames.concat(), &frames.concat()]);
+        let told = events.iter().filter(|event| event.starts_with(frame)).count();
+        // of twice four or five frames, at most the first ones go with the garbage
+        let sent = 2 * frames.len();
+        assert!(told <= sent && told + 3 >= sent, "{name}: {told} of {sent}");
+    }
+}
