@@ -4,19 +4,18 @@ mod cases;
 mod judge;
 mod pictures;
 
-use super::Answer;
 use super::table::Table;
+use super::{Answer, table};
 use crate::cli::ReportArgs;
 use crate::denoise::{Chain, Chained, Check, Net};
 use crate::error::CliError;
-use crate::output::{OutFolder, io};
+use crate::output::OutFolder;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use cases::{Sequence, sequences};
 use eit_denoise::ThresholdRule;
 use judge::{Judge, Tally};
 use ndarray::{Array3, Axis};
-use serde_json::json;
 
 /// Frames before the first touch.
 const QUIET: usize = 20;
@@ -71,7 +70,8 @@ pub(super) fn run(
     }
     let tables = [touched_table(&tallies, &chain), foreign_table(&tallies)];
     pictures::draw(&shown, &chain, out)?;
-    write(&tables, out, progress)
+    let files = ["denoise.md", "denoise.csv", "denoise.json"];
+    table::write("What the U-net makes of images", &tables, files, (out, progress))
 }
 
 /// The raw images, those of the paper's rule, and those of each net without and with the check.
@@ -163,22 +163,4 @@ fn foreign_table(tallies: &[Row<'_>]) -> Table {
             .filter_map(|(case, way, tally)| tally.foreign_row(case, way))
             .collect(),
     }
-}
-
-/// Markdown, CSV and JSON of both tables.
-fn write(tables: &[Table], out: &mut OutFolder, progress: &Progress) -> Result<Answer, CliError> {
-    let sections: Vec<String> = tables.iter().map(Table::markdown).collect();
-    let markdown = format!("# What the U-net makes of images\n\n{}", sections.join("\n"));
-    out.write("denoise.md", |w| w.write_all(markdown.as_bytes()).map_err(io))?;
-    let lines: String = tables.iter().map(Table::csv).collect();
-    let csv = format!("table,row,column,value\n{lines}");
-    out.write("denoise.csv", |w| w.write_all(csv.as_bytes()).map_err(io))?;
-    let json = json!({
-        "tables": tables.iter().map(Table::json).collect::<Vec<_>>(),
-        "stages": progress.times(),
-    });
-    out.write("denoise.json", |w| writeln!(w, "{json:#}").map_err(io))?;
-    let text =
-        format!("{markdown}\nwritten to {}: {}", out.path().display(), out.names().join(", "));
-    Ok(Answer { text, json })
 }

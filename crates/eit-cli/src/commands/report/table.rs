@@ -1,7 +1,36 @@
 //! Tables of the report, written three ways.
 
-use super::markdown;
+use super::{Answer, markdown};
+use crate::error::CliError;
+use crate::output::{OutFolder, io};
+use crate::progress::Progress;
 use serde_json::{Map, Value, json};
+
+/// Names of the files of a report: `.md`, `.csv`, `.json`.
+pub(super) type FileNames = [&'static str; 3];
+
+/// Writes Markdown, CSV and JSON of all tables; the Markdown is the answer.
+pub(super) fn write(
+    title: &str,
+    tables: &[Table],
+    [md, csv, json]: FileNames,
+    (out, progress): (&mut OutFolder, &Progress),
+) -> Result<Answer, CliError> {
+    let sections: Vec<String> = tables.iter().map(Table::markdown).collect();
+    let markdown = format!("# {title}\n\n{}", sections.join("\n"));
+    out.write(md, |w| w.write_all(markdown.as_bytes()).map_err(io))?;
+    let lines: String = tables.iter().map(Table::csv).collect();
+    let text = format!("table,row,column,value\n{lines}");
+    out.write(csv, |w| w.write_all(text.as_bytes()).map_err(io))?;
+    let value = json!({
+        "tables": tables.iter().map(Table::json).collect::<Vec<_>>(),
+        "stages": progress.times(),
+    });
+    out.write(json, |w| writeln!(w, "{value:#}").map_err(io))?;
+    let text =
+        format!("{markdown}\nwritten to {}: {}", out.path().display(), out.names().join(", "));
+    Ok(Answer { text, json: value })
+}
 
 /// A cell of a table.
 #[derive(Debug, Clone, PartialEq)]

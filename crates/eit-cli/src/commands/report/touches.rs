@@ -13,11 +13,9 @@ mod tracks;
 use super::{Answer, table};
 use crate::cli::TouchPart;
 use crate::error::CliError;
-use crate::output::{OutFolder, io};
+use crate::output::OutFolder;
 use crate::progress::Progress;
 use lab::Lab;
-use serde_json::json;
-use table::Table;
 
 /// What finds touches in a frame.
 const METHODS: [&str; 3] = ["one-step image", "st-tv image", "fit"];
@@ -109,25 +107,8 @@ pub(super) fn run(
     if wants(TouchPart::Latency) {
         tables.push(progress.steps("latency", 2, |bar| latency::table(&lab, &grid, bar))?);
     }
-    write(&tables, out, progress)
-}
-
-/// Markdown, CSV and JSON of all tables.
-fn write(tables: &[Table], out: &mut OutFolder, progress: &Progress) -> Result<Answer, CliError> {
-    let sections: Vec<String> = tables.iter().map(Table::markdown).collect();
-    let markdown = format!("# Touch figures\n\n{}", sections.join("\n"));
-    out.write("touches.md", |w| w.write_all(markdown.as_bytes()).map_err(io))?;
-    let lines: String = tables.iter().map(Table::csv).collect();
-    let csv = format!("table,row,column,value\n{lines}");
-    out.write("touches.csv", |w| w.write_all(csv.as_bytes()).map_err(io))?;
-    let json = json!({
-        "tables": tables.iter().map(Table::json).collect::<Vec<_>>(),
-        "stages": progress.times(),
-    });
-    out.write("touches.json", |w| writeln!(w, "{json:#}").map_err(io))?;
-    let text =
-        format!("{markdown}\nwritten to {}: {}", out.path().display(), out.names().join(", "));
-    Ok(Answer { text, json })
+    let files = ["touches.md", "touches.csv", "touches.json"];
+    table::write("Touch figures", &tables, files, (out, progress))
 }
 
 /// Work at each noise level, in threads; results in the order of the levels.
