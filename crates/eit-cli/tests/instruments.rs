@@ -381,7 +381,7 @@ fn bad_input_is_told_in_one_line() {
     assert!(said.contains("openeit-8"), "{said}");
     succeed(&["record", text(&right), "--out", text(&out), "--frames", "5"]);
 
-    let said = refuse(&["emulate", text(&good), "--port", text(&port), "--fault", "drop=1"]);
+    let said = refuse(&["emulate", text(&good), "--port", text(&port)]);
     assert!(said.contains("exists"), "{said}");
     let free = folder.path().join("free");
     let said = refuse(&["emulate", text(&good), "--port", text(&free), "--fault", "drop_bite=1"]);
