@@ -150,9 +150,10 @@ impl Host {
             Self::Tcp { listener, stream, .. } => (*listener, *stream) = (None, None),
             #[cfg(all(unix, feature = "serial"))]
             Self::Terminal { link, master, open } => {
-                (*master, *open) = (None, false);
-                // already gone is as good
+                // first the path: once the terminal is closed, its name may be another one's.
+                // Already gone is as good
                 let _ = std::fs::remove_file(link);
+                (*master, *open) = (None, false);
             }
         }
     }

@@ -153,8 +153,6 @@ fn system(code: wire::Code) -> Vec<u8> {
 
 /// Somebody starts the instrument and goes away without stopping it.
 fn leave_streaming(driver: &mut dyn Driver, endpoint: &Endpoint) {
-    let settings = SessionSettings::default();
-    let _ = settings;
     let Endpoint::Tcp { address } = endpoint else { panic!("{endpoint}") };
     identify(driver, endpoint).unwrap();
     let mut stream = TcpStream::connect(address).unwrap();
@@ -301,7 +299,7 @@ fn row_06_data_before_the_acknowledgement_and_hold_up_in_the_stream() {
     let meddle = move |_: Duration, sent: &mut Vec<u8>| {
         if sent.len() > 300 {
             bursts += 1;
-            if bursts % 3 == 0 {
+            if bursts.is_multiple_of(3) {
                 // between two data frames
                 sent.splice(140..140, system(wire::Code::HoldUp(0x92)));
             }

@@ -92,9 +92,9 @@ fn row_07_groups_missing_doubled_reordered_and_too_many() {
         assert_eq!((missing(&heard, 2), missing(&heard, 3)), (0, 0), "{gone}");
     }
     // each cell doubled: it starts a frame of its own, and nothing gets a wrong place
-    for again in 0..WHOLE.len() {
+    for (again, &cell) in WHOLE.iter().enumerate() {
         let mut list = WHOLE.to_vec();
-        list.insert(again, WHOLE[again]);
+        list.insert(again, cell);
         let heard = hear(&mut sciospec(), &[cells(&list), whole.repeat(2)].concat());
         check_cells(&heard);
         assert!(heard.frames.len() + heard.cut >= 3, "{again}");
