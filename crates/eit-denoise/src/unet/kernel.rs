@@ -8,7 +8,7 @@
 //! Four outputs of 16 pixels are 8 of the 16 registers of 256 bits: enough sums to hide the latency
 //! of an addition, and each weight and each pixel that is loaded serves several.
 //!
-//! Distance from the floor: the default net (width 6, depth 3) takes 23.7 million multiply-adds for 64 x
+//! Distance from the floor: a net of width 6 and depth 3 takes 23.7 million multiply-adds for 64 x
 //! 64 pixels, 26 million with the idle outputs of groups; two instructions of eight a cycle would be
 //! 1.6 million cycles. Counted on an AMD EPYC: 2.3 million for a whole frame, scaling included (4.3
 //! before row lengths were constants: tests of lengths between the taps were half of all
