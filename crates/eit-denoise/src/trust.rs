@@ -62,7 +62,7 @@ impl Evidence {
                 return Err(DenoiseError::WrongLength { what, found, wanted });
             }
         }
-        if let Some(&value) = noise_std.iter().find(|std| !(**std > 0.0)) {
+        if let Some(&value) = noise_std.iter().find(|std| std.is_nan() || **std <= 0.0) {
             let (quantity, must) = ("noise", "above zero; infinite where a value is not used");
             return Err(DenoiseError::OutOfRange { quantity, value, must });
         }

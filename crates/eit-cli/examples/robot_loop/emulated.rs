@@ -1,6 +1,6 @@
 //! A skin that is not there: an emulated instrument on TCP, and a finger that presses now and then.
 
-use crate::touch_sense::{SHEET_S, model};
+use super::touch_sense::{SHEET_S, model};
 use eit_hw::codec::eits1::Information;
 use eit_hw::emulator::{Eits1Device, Emulator, FaultPlan, Listen};
 use eit_hw::{Quadruple, Unit};
