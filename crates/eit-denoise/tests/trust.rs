@@ -10,8 +10,16 @@ use ndarray::{Array1, Array2};
 
 const MEASUREMENTS: usize = 30;
 
+struct Known {
+    mask: Array2<bool>,
+    jacobian: Array2<f64>,
+    image: Array2<f64>,
+    differences: Vec<f64>,
+    noise: Vec<f64>,
+}
+
 /// A skin of 12 x 12 pixels with a random Jacobian, an image, its differences, and the noise.
-fn known() -> (Array2<bool>, Array2<f64>, Array2<f64>, Vec<f64>, Vec<f64>) {
+fn known() -> Known {
     let mask = disc(12, 12);
     let mut state = 4;
     let inside = mask.iter().filter(|m| **m).count();
@@ -23,14 +31,14 @@ fn known() -> (Array2<bool>, Array2<f64>, Array2<f64>, Vec<f64>, Vec<f64>) {
     let pixels: Array1<f64> = image.iter().filter(|v| !v.is_nan()).copied().collect();
     let differences = jacobian.dot(&pixels).to_vec();
     let noise = (0..MEASUREMENTS).map(|k| 1e-6 * (1.0 + k as f64)).collect();
-    (mask, jacobian, image, differences, noise)
+    Known { mask, jacobian, image, differences, noise }
 }
 
 /// Energies by the definition in `f64`; the product in `f32` over a hundred pixels is right to 1e-6
 /// of the largest term, its square to 1e-5.
 #[test]
 fn the_energies_are_those_of_the_definition() {
-    let (mask, jacobian, image, differences, noise) = known();
+    let Known { mask, jacobian, image, differences, noise } = known();
     let mut evidence = Evidence::new(jacobian.view(), &noise, mask.view()).unwrap();
     let half = image.mapv(|v| 0.5 * v);
     let misfit = evidence.misfit(half.view(), &differences).unwrap();
@@ -46,7 +54,7 @@ fn the_energies_are_those_of_the_definition() {
 
 #[test]
 fn what_is_invented_is_not_believed_and_silence_is() {
-    let (mask, jacobian, image, differences, noise) = known();
+    let Known { mask, jacobian, image, differences, noise } = known();
     let mut evidence = Evidence::new(jacobian.view(), &noise, mask.view()).unwrap();
     let quiet: Vec<f64> =
         noise.iter().enumerate().map(|(k, s)| if k % 2 == 0 { *s } else { -s }).collect();
@@ -67,7 +75,7 @@ fn what_is_invented_is_not_believed_and_silence_is() {
 
 #[test]
 fn missing_and_unused_measurements_do_not_count() {
-    let (mask, mut jacobian, image, mut differences, mut noise) = known();
+    let Known { mask, mut jacobian, image, mut differences, mut noise } = known();
     jacobian.row_mut(3).fill(f64::NAN);
     noise[3] = f64::INFINITY;
     differences[3] = 1e9;
@@ -91,7 +99,7 @@ fn the_limit_is_a_quantile_of_frames_that_say_something() {
 
 #[test]
 fn what_does_not_fit_is_refused() {
-    let (mask, jacobian, image, differences, noise) = known();
+    let Known { mask, jacobian, image, differences, noise } = known();
     let new = |noise: &[f64]| Evidence::new(jacobian.view(), noise, mask.view());
     let length = |e: DenoiseError| matches!(e, DenoiseError::WrongLength { .. });
     assert!(length(new(&noise[1..]).unwrap_err()));

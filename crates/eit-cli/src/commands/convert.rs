@@ -27,8 +27,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
         return Err(CliError::input(format!("{}: {message}", args.out.display())));
     }
     let scene = args.scene.as_deref().map(Scene::load).transpose()?;
-    let mut options = eit_hw::ReadOptions::default();
-    options.complex = args.complex;
+    let options = eit_hw::ReadOptions { complex: args.complex, ..Default::default() };
     let recording = eit_hw::read_recording(&args.input, None, &options)?;
     let table = table(&recording, scene.as_ref())?;
     let mut notes: Vec<String> = recording.notes.iter().map(ToString::to_string).collect();

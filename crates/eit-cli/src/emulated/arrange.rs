@@ -4,6 +4,9 @@ use eit_hw::Quadruple;
 use ndarray::Array2;
 use std::collections::{HashMap, VecDeque};
 
+/// What is measured under a drive: index, electrodes, and the sign for the drive in order.
+type Known = Vec<(usize, [u32; 2], f64)>;
+
 /// Differences of potentials that follow from those that were measured, under each drive. The
 /// potential of a driven electrode of which nothing was measured is set beyond all others, as it is
 /// on a real skin: above where current enters, below where it leaves.
@@ -12,7 +15,7 @@ pub(super) fn arranged(
     values: &Array2<f64>,
     wanted: &[Quadruple],
 ) -> Result<Array2<f64>, String> {
-    let mut by_drive: HashMap<[u32; 2], Vec<(usize, [u32; 2], f64)>> = HashMap::new();
+    let mut by_drive: HashMap<[u32; 2], Known> = HashMap::new();
     for (index, &[a, b, m, n]) in own.iter().enumerate() {
         let sign = if a < b { 1.0 } else { -1.0 };
         by_drive.entry([a.min(b), a.max(b)]).or_default().push((index, [m, n], sign));
