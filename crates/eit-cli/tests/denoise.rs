@@ -4,6 +4,7 @@
 mod common;
 
 use common::{SMALL, refuse, succeed, text, write_scene};
+use ndarray::{Array2, Array3, Axis};
 use std::path::Path;
 
 const FEW: [&str; 14] = [
@@ -175,4 +176,94 @@ fn the_shipped_weights_serve_the_paper_disc() {
     let report: serde_json::Value = serde_json::from_str(&answer).unwrap();
     let ratio = report["against_truth"]["net_over_raw"].as_f64().unwrap();
     assert!(ratio < 0.7, "{ratio}");
+    foreign_frames_are_put_aside(folder.path(), &touched);
+}
+
+/// The same frames as they are, and turned about the quiet ones, so that a finger lowers the
+/// conductivity: nothing in the training did.
+fn foreign_frames_are_put_aside(folder: &Path, touched: &Path) {
+    let with_net = |name: &str| {
+        let text_of = std::fs::read_to_string(touched.join("scene.toml")).unwrap();
+        let file = touched.join(format!("{name}.toml"));
+        let text_of = text_of.replace("frames.npy", &format!("{name}.npy"));
+        std::fs::write(&file, text_of + "\n[denoise]\nweights = \"default\"\n").unwrap();
+        file
+    };
+    let frames: Array2<f64> = ndarray_npy::read_npy(touched.join("frames.npy")).unwrap();
+    let quiet = frames.select(Axis(0), &(0..20).collect::<Vec<_>>());
+    let quiet = quiet.mean_axis(Axis(0)).unwrap();
+    let turned = 2.0 * &quiet - &frames;
+    ndarray_npy::write_npy(touched.join("turned.npy"), &turned).unwrap();
+    let aside = |name: &str| -> Vec<u64> {
+        let out = folder.join(name);
+        let scene = with_net(name);
+        let answer = succeed(&[
+            "reconstruct",
+            text(&scene),
+            "--method",
+            "st-tv",
+            "--out",
+            text(&out),
+            "--json",
+        ]);
+        let report: serde_json::Value = serde_json::from_str(&answer).unwrap();
+        let check = &report["denoise"]["check"];
+        assert_eq!(check["scores"].as_array().unwrap().len(), 60);
+        let list = check["raw_frames"].as_array().unwrap();
+        let frames: Vec<u64> = list.iter().map(|f| f.as_u64().unwrap()).collect();
+        let images = |file: &str| -> Array3<f64> { ndarray_npy::read_npy(out.join(file)).unwrap() };
+        let (raw, made) = (images("raw.npy"), images("images.npy"));
+        let bits = |images: &Array3<f64>, f: usize| -> Vec<u64> {
+            images.index_axis(Axis(0), f).iter().map(|v| v.to_bits()).collect()
+        };
+        for &f in &frames {
+            assert_eq!(bits(&raw, f as usize), bits(&made, f as usize), "frame {f}");
+        }
+        frames
+    };
+    // the finger is there from frame 22 on, and 2 % of known frames may look foreign
+    let known = aside("frames").iter().filter(|f| **f >= 25).count();
+    let foreign = aside("turned").iter().filter(|f| **f >= 25).count();
+    assert!(known <= 4, "{known}");
+    assert_eq!(foreign, 35);
+}
+
+/// A recording is learnt from as it is and turned, by the paper's rule; what a recording cannot be
+/// asked for is refused.
+#[test]
+fn a_net_learns_from_a_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let touched = folder.path().join("touched");
+    let how = ["--frames", "45", "--nodes", "900", "--out"];
+    let mut arguments = vec!["simulate", text(&scene)];
+    arguments.extend(how);
+    arguments.push(text(&touched));
+    succeed(&arguments);
+    let (made, frames) = (touched.join("scene.toml"), touched.join("frames.npy"));
+    let weights = folder.path().join("w.safetensors");
+    let train = |recording: &Path| {
+        ["train", text(&made), "--recording", text(recording), "--out", text(&weights)]
+            .map(str::to_owned)
+    };
+    let mut arguments: Vec<String> = train(&frames).to_vec();
+    for more in ["--method", "gauss-newton", "--sequences", "4", "--epochs", "1", "--width", "2"] {
+        arguments.push(more.to_owned());
+    }
+    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    assert!(succeed(&arguments).contains("180 frames of 4 sequences"));
+    let base = weights.with_extension("base");
+    let manifest = std::fs::read_to_string(base.join("manifest.json")).unwrap();
+    assert!(manifest.contains("recorded: ") && manifest.contains("ThresholdRule"), "{manifest}");
+    let shard = |k: usize| std::fs::read(base.join(format!("shard-{k:05}.safetensors"))).unwrap();
+    // the recording itself, then turned by one of the 32 symmetries: not the same bytes
+    assert!((1..4).any(|k| shard(k) != shard(0)));
+
+    let mut with_fingers = train(&frames).to_vec();
+    with_fingers.extend(["--fingers".to_owned(), "2".to_owned()]);
+    let with_fingers: Vec<&str> = with_fingers.iter().map(String::as_str).collect();
+    assert!(refuse(&with_fingers).contains("--fingers: a recording has the fingers that it has"));
+    let absent = train(&folder.path().join("absent.npy"));
+    let absent: Vec<&str> = absent.iter().map(String::as_str).collect();
+    assert!(refuse(&absent).contains("absent.npy"));
 }

@@ -262,6 +262,7 @@ fn about(
         ("held_out_net_over_raw", scores.net_over_raw.to_string()),
         ("held_out_rule_over_raw", scores.rule_over_raw.to_string()),
         ("program", format!("eit {}", env!("CARGO_PKG_VERSION"))),
+        ("commit", env!("EIT_COMMIT").to_owned()),
     ];
     let limit = limit.map(|limit| ("misfit_limit", limit.to_string()));
     entries.into_iter().chain(limit).map(|(key, value)| (key.to_owned(), value)).collect()

@@ -1,0 +1,25 @@
+//! Names the commit that the program is built from: weights say it, so that they can be made again.
+
+use std::process::Command;
+
+/// What git prints; `None` outside a checkout or without git.
+fn git(arguments: &[&str]) -> Option<String> {
+    let output = Command::new("git").args(arguments).output().ok()?;
+    let text = String::from_utf8(output.stdout).ok()?;
+    (output.status.success() && !text.trim().is_empty()).then(|| text.trim().to_owned())
+}
+
+fn main() {
+    println!("cargo::rerun-if-changed=build.rs");
+    let reference = git(&["symbolic-ref", "--quiet", "HEAD"]);
+    for what in ["HEAD"].into_iter().chain(reference.as_deref()) {
+        if let Some(path) = git(&["rev-parse", "--git-path", what]) {
+            // one that is not there (a packed reference) would run this at every build
+            if std::path::Path::new(&path).exists() {
+                println!("cargo::rerun-if-changed={path}");
+            }
+        }
+    }
+    let commit = git(&["rev-parse", "--short=10", "HEAD"]);
+    println!("cargo::rustc-env=EIT_COMMIT={}", commit.as_deref().unwrap_or("unknown"));
+}
