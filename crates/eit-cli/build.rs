@@ -11,15 +11,17 @@ fn git(arguments: &[&str]) -> Option<String> {
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");
-    let reference = git(&["symbolic-ref", "--quiet", "HEAD"]);
-    for what in ["HEAD"].into_iter().chain(reference.as_deref()) {
+    // the log grows with every commit and checkout, packed references or not
+    for what in ["HEAD", "logs/HEAD"] {
         if let Some(path) = git(&["rev-parse", "--git-path", what]) {
-            // one that is not there (a packed reference) would run this at every build
+            // one that is not there would run this at every build
             if std::path::Path::new(&path).exists() {
                 println!("cargo::rerun-if-changed={path}");
             }
         }
     }
-    let commit = git(&["rev-parse", "--short=10", "HEAD"]);
+    let changed = git(&["status", "--porcelain", "--untracked-files=no"]);
+    let commit = git(&["rev-parse", "--short=10", "HEAD"])
+        .map(|commit| if changed.is_some() { commit + "-changed" } else { commit });
     println!("cargo::rustc-env=EIT_COMMIT={}", commit.as_deref().unwrap_or("unknown"));
 }

@@ -335,13 +335,14 @@ pub(crate) struct TrainArgs {
     /// there are so many; every sixth, at least one, is held out.
     #[arg(long, value_name = "N", default_value_t = 240)]
     pub sequences: usize,
-    /// Frames of a sequence, 20 quiet ones included.
+    /// Frames of a simulated sequence, 20 quiet ones included.
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub frames: usize,
     /// Learn from this recording of the real skin instead of simulated touches; more than once for
     /// more. Nobody knows its truth: wanted images are the raw ones after the rule of Duan, Taurand
     /// and Soleimani (2019), which takes out the ring along the rim, what is below 55 % of the
-    /// largest value, and blobs of fewer than 15 pixels. Reference and noise as in the scene.
+    /// largest value, and blobs of fewer than 15 pixels. Reference and noise as in the scene. Held
+    /// out is the last recording of six, or the last sixth of one that stands alone.
     #[arg(long, value_name = "F")]
     pub recording: Vec<PathBuf>,
     /// Fingers of every sequence, 1 to 4 [default: one to four, two most often].

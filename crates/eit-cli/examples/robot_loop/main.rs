@@ -1,4 +1,4 @@
-//! A robot that feels: an instrument's frames to touches, every one within its deadline.
+//! A robot that feels: an instrument's frames to touches, and which came too late.
 //!
 //! `cargo run --release -p eit-cli --example robot_loop [PORT]`; PORT is a serial port or
 //! `tcp://host:port` of an instrument that speaks EITS-1. Without one, an emulated skin is touched.
@@ -11,7 +11,7 @@ mod touch_sense;
 use eit_hw::Endpoint;
 use eit_hw::driver::{Eits1, Event, Overflow, Session, SessionSettings};
 use std::error::Error;
-use std::time::{Duration, Instant};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use touch_sense::TouchSense;
 
 const RATE_HZ: f64 = 50.0;
@@ -36,7 +36,6 @@ pub fn run(port: Option<&str>, frames: usize) -> Result<(usize, usize), Box<dyn 
     while count < frames {
         match session.next_event(2 * DEADLINE)? {
             Some(Event::Frame(frame)) => {
-                let start = Instant::now();
                 let touches = sense.feel(&frame.values, (count, RATE_HZ), QUIET)?;
                 for touch in touches {
                     // here the robot draws back, grasps harder, or says hello
@@ -44,11 +43,15 @@ pub fn run(port: Option<&str>, frames: usize) -> Result<(usize, usize), Box<dyn 
                     println!("frame {count}: touch {} at {x:.1}, {y:.1} mm", touch.id);
                 }
                 seen += usize::from(!touches.is_empty());
-                late += usize::from(start.elapsed() > DEADLINE);
+                let now_s = SystemTime::now().duration_since(UNIX_EPOCH)?.as_secs_f64();
+                let passed_s = frame.host_time_s.map_or(0.0, |came_s| now_s - came_s);
+                late += usize::from(passed_s > DEADLINE.as_secs_f64());
                 count += 1;
                 session.recycle(frame);
             }
-            Some(Event::Reconnected { .. }) => (sense, count) = (TouchSense::new()?, 0),
+            Some(Event::Reconnected { .. }) => {
+                (sense, seen, late, count) = (TouchSense::new()?, 0, 0, 0);
+            }
             Some(other) => println!("{other:?}: the robot slows down"),
             None => println!("no frame in time: the robot slows down"),
         }

@@ -57,7 +57,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let name = base.checksum()?;
     let checkpoint = args.out.with_extension("checkpoint");
     let turns = workshop.turns();
-    let pairs = (&train[..], &held_out[..], &turns[..]);
+    let pairs = (train, &held_out[..], &turns[..]);
     let how = (checkpoint.as_path(), threads, args.engine, &interrupt);
     let trainer = learn(&settings, pairs, &name, how, &mut progress)?;
     let skin = scene.skin_fingerprint()?;
@@ -173,15 +173,17 @@ fn base(
     })
 }
 
+/// Whether a sequence of so many is held out; the last one where there are few.
+fn is_held_out(index: usize, count: usize) -> bool {
+    index % HELD_OUT == HELD_OUT - 1 || (count < HELD_OUT && index == count - 1)
+}
+
 /// Shards to learn from, and those held out.
 fn shards(base: &LearningBase) -> Result<(Vec<Shard>, Vec<Shard>), CliError> {
     let (mut train, mut held_out) = (Vec::new(), Vec::new());
     let count = base.settings().shards;
     for index in 0..count {
-        // the last one where there are few
-        let is_held_out =
-            index % HELD_OUT == HELD_OUT - 1 || (count < HELD_OUT && index == count - 1);
-        let list = if is_held_out { &mut held_out } else { &mut train };
+        let list = if is_held_out(index, count) { &mut held_out } else { &mut train };
         list.push(base.read(index)?);
     }
     Ok((train, held_out))
@@ -190,13 +192,15 @@ fn shards(base: &LearningBase) -> Result<(Vec<Shard>, Vec<Shard>), CliError> {
 /// Trains from the start, or from the checkpoint.
 fn learn(
     settings: &TrainSettings,
-    (train, held_out, turns): (&[Shard], &[Shard], &[PixelTurn]),
+    (shards, held_out, turns): (Vec<Shard>, &[Shard], &[PixelTurn]),
     base: &str,
     (checkpoint, threads, engine, interrupt): (&Path, usize, Engine, &Interrupt),
     progress: &mut Progress,
 ) -> Result<Trainer, CliError> {
     let history = settings.shape.history;
-    let train = Examples::new(train, history)?.turned(turns)?;
+    let train = Examples::new(&shards, history)?.turned(turns)?;
+    // hundreds of megabytes that are not looked at again
+    drop(shards);
     let held_out = Examples::new(held_out, history)?;
     let mut trainer = match checkpoint.exists() {
         true => Trainer::resume(checkpoint, settings, base)?,

@@ -21,7 +21,7 @@ pub struct Shard {
 /// The measurements of a sequence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ShardData {
-    /// Differences from the reference [frame, measurement].
+    /// Differences from the reference [frame, measurement]; NaN where a value is missing.
     pub differences: Array2<f32>,
     /// Standard deviation of each, in their unit; infinite for a measurement that is not used.
     pub noise_std: Array1<f32>,
@@ -135,8 +135,8 @@ impl ShardData {
         }
         let values: Vec<f32> = floats_of(differences.data()).collect();
         let noise_std: Array1<f32> = floats_of(noise_std.data()).collect();
-        if !values.iter().all(|v| v.is_finite()) || !noise_std.iter().all(|v| *v > 0.0) {
-            return Err(wrong("differences that are not finite, or noise that is not positive"));
+        if values.iter().any(|v| v.is_infinite()) || !noise_std.iter().all(|v| *v > 0.0) {
+            return Err(wrong("differences that are infinite, or noise that is not positive"));
         }
         let differences = Array2::from_shape_vec((frames, *measurements), values)
             .map_err(|_| wrong("differences of another size"))?;

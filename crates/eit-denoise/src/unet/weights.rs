@@ -80,7 +80,8 @@ impl Weights {
     /// [`crate::Misfit::score`], where the training measured it: `misfit_limit` of `about`.
     pub fn misfit_limit(&self) -> Option<f64> {
         let limit: f64 = self.about.get(MISFIT_LIMIT)?.parse().ok()?;
-        (limit.is_finite() && limit > 0.0).then_some(limit)
+        // an empty image leaves all: from 1 on the limit would believe it
+        (limit > 0.0 && limit < 1.0).then_some(limit)
     }
 
     /// The bytes of a safetensors file: `down.0.0.weight`, `down.0.0.bias`, ... with the metadata.

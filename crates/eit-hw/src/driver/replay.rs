@@ -3,10 +3,10 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::{Event, FrameSource, Identity, Limits, Setup, Statistics};
+use super::{Event, FrameSource, Setup, Statistics};
 use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
-use crate::recording::{FrameMap, Layout, Projection, Unit};
+use crate::recording::{FrameMap, Projection};
 
 /// How fast a recording is played.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -60,7 +60,9 @@ impl Replay {
         quadruples: Option<&[Quadruple]>,
         pace: Pace,
     ) -> Result<Self, HwError> {
+        use super::{Identity, Limits};
         use crate::capture::{CaptureReader, Entry};
+        use crate::recording::{Layout, Unit};
         // what comes before the first frame, and how many values it has
         let mut reader = CaptureReader::open(path)?;
         let mut session = None;

@@ -87,7 +87,7 @@ impl Table {
                 Cell::Text(text) => Some(text.as_str()),
                 Cell::Number(..) => None,
             });
-            let key = texts.collect::<Vec<_>>().join("; ");
+            let key = texts.collect::<Vec<_>>().join("; ").replace('"', "\"\"");
             for (column, cell) in self.columns.iter().zip(row) {
                 if let Cell::Number(value, _) = cell {
                     text += &format!("{},\"{key}\",\"{column}\",{value}\n", self.name);

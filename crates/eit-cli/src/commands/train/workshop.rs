@@ -46,7 +46,11 @@ impl<'a> Workshop<'a> {
         let symmetries = symmetries(scene, &chain.setup)?;
         let bench = Bench { scene, chain, seed: args.seed, symmetries };
         let source = match recorded {
-            true => Source::Recorded(Recorded::new(&bench, &args.recording, progress)?),
+            true => Source::Recorded(Recorded::new(
+                &bench,
+                (&args.recording, args.sequences),
+                progress,
+            )?),
             false => {
                 let pixels = bench.chain.raster.pixels();
                 let simulated = Simulated::new(scene, args, pixels, progress)?;
@@ -81,13 +85,14 @@ impl<'a> Workshop<'a> {
         let Bench { scene, chain, symmetries, .. } = &self.bench;
         let source = match &self.source {
             Source::Simulated(simulated) => simulated.recipe(scene),
-            Source::Recorded(recorded) => recorded.recipe(),
+            Source::Recorded(recorded) => recorded.recipe(scene),
         };
         format!(
-            "{}, {} symmetries, {source}, {:?}",
+            "{}, {} symmetries, {source}, {:?}, {:?}",
             chain.method.name(),
             symmetries.len().max(1),
             scene.reconstruction,
+            scene.mesh,
         )
     }
 
@@ -121,7 +126,12 @@ impl Bench<'_> {
         let std = noise.std.iter().zip(&frames.used);
         let noise_std: Array1<f32> =
             std.map(|(std, used)| if *used { *std as f32 } else { f32::INFINITY }).collect();
-        let differences = frames.differences(kind).mapv(|v| v as f32);
+        let mut differences = frames.differences(kind).mapv(|v| v as f32);
+        differences.zip_mut_with(&frames.good, |value, good| {
+            if !good {
+                *value = f32::NAN;
+            }
+        });
         Ok(Some(ShardData { differences, noise_std }))
     }
 }
