@@ -89,6 +89,11 @@ pub(crate) trait Watcher {
         Ok(())
     }
 
+    /// Nothing came for a moment.
+    fn idle(&mut self) -> Result<(), CliError> {
+        Ok(())
+    }
+
     /// Frames that are still wanted for the reference.
     fn waiting(&mut self, _left: usize) -> Result<(), CliError> {
         Ok(())
@@ -129,7 +134,10 @@ impl Model {
         let (mut finder, mut quiet) = (None, Vec::new());
         let mut first_sight = None;
         while watcher.goes_on(&summary) && !source.is_over() {
-            let Some(event) = source.next_event(WAIT)? else { continue };
+            let Some(event) = source.next_event(WAIT)? else {
+                watcher.idle()?;
+                continue;
+            };
             watcher.event(&event)?;
             if matches!(event, Event::Reconnected { .. }) {
                 // contacts and gains may have changed: an old reference does not hold
@@ -148,7 +156,7 @@ impl Model {
                 }
                 continue;
             };
-            let time_s = Clock::time_s(clock, &frame);
+            let time_s = clock.next_s(&frame);
             let values: Vec<f64> = frame.values.iter().map(|value| factor * value).collect();
             let touches = found.push(&values, |i| frame.quality[i].is_good(), time_s)?.to_vec();
             let latency_s = frame.host_time_s.filter(|_| is_live).map(|came| now_s() - came);
@@ -203,12 +211,18 @@ impl Model {
 struct Clock {
     rate_hz: f64,
     first_host_s: Option<f64>,
+    /// The last time that was given.
+    last_s: f64,
 }
 
 impl Clock {
     fn new(stated_hz: Option<f64>, quiet: &[Frame]) -> Self {
         let first_host_s = quiet.first().and_then(|frame| frame.host_time_s);
-        let mut clock = Self { rate_hz: stated_hz.unwrap_or(DEFAULT_RATE_HZ), first_host_s };
+        let mut clock = Self {
+            rate_hz: stated_hz.unwrap_or(DEFAULT_RATE_HZ),
+            first_host_s,
+            last_s: f64::NEG_INFINITY,
+        };
         if let (None, [first, .., last]) = (stated_hz, quiet) {
             let span_s = clock.time_s(last) - clock.time_s(first);
             let steps = last.sequence.saturating_sub(first.sequence) as f64;
@@ -217,6 +231,15 @@ impl Clock {
             }
         }
         clock
+    }
+
+    /// The time of the next frame: a tracker wants it to rise, also where a clock stands still or
+    /// goes back.
+    fn next_s(&mut self, frame: &Frame) -> f64 {
+        let time_s = self.time_s(frame);
+        let is_later = time_s > self.last_s;
+        self.last_s = if is_later { time_s } else { self.last_s + 1.0 / self.rate_hz };
+        self.last_s
     }
 
     fn time_s(&self, frame: &Frame) -> f64 {

@@ -18,6 +18,7 @@ use eit_hw::capture::{
     Capture, CaptureSettings, CaptureWriter, Entry, ReferenceRecord, SessionRecord, TouchRecord,
     TouchesRecord, UnitName, parse, read,
 };
+use eit_hw::driver::{Event, FrameSource as _, Pace, Replay};
 use eit_hw::{Component, Format, Frame, HwError, Quality, ReadOptions, Unit, read_recording};
 
 fn session() -> SessionRecord {
@@ -243,6 +244,50 @@ fn a_killed_recorder_loses_the_last_moment_only() {
     CaptureWriter::append(&path, &session(), CaptureSettings::default()).unwrap().finish().unwrap();
     let after = read(&path).unwrap();
     assert!(!after.damage.unfinished && after.frames().count() == capture.frames().count());
+}
+
+/// A recording that was gone on with: each run begins at epoch 0 and sequence 0. Played, the second
+/// is another epoch, so that no reference of the first is subtracted from it.
+#[test]
+fn a_second_run_is_another_epoch() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("p.mcap");
+    let settings = CaptureSettings::default;
+    let runs = [CaptureWriter::create, CaptureWriter::append];
+    for start in runs {
+        let mut writer = start(&path, &session(), settings()).unwrap();
+        (0..3).for_each(|sequence| writer.frame(&frame(sequence)).unwrap());
+        writer.finish().unwrap();
+    }
+    let mut replay = Replay::open(&path, None, Pace::AsAsked).unwrap();
+    let mut told = Vec::new();
+    while let Some(event) = replay.next_event(Duration::ZERO).unwrap() {
+        told.push(match event {
+            Event::Frame(frame) => format!("{}.{}", frame.epoch, frame.sequence),
+            Event::Reconnected { epoch } => format!("epoch {epoch}"),
+            other => panic!("{other:?}"),
+        });
+    }
+    assert_eq!(told, ["0.0", "0.1", "0.2", "epoch 1", "1.0", "1.1", "1.2"]);
+
+    // what was measured otherwise is not mixed in, and nothing is lost by trying
+    let before = std::fs::read(&path).unwrap();
+    let others = [
+        SessionRecord { quadruples: rotated(8), ..session() },
+        SessionRecord { unit: UnitName::Ohm, ..session() },
+        SessionRecord { current_a: Some(1e-3), ..session() },
+    ];
+    for (other, what) in others.iter().zip(["measurements", "the unit", "the current"]) {
+        let refused = CaptureWriter::append(&path, other, settings()).err().unwrap().to_string();
+        assert!(refused.contains(what), "{refused}");
+    }
+    // a length in the middle that cannot be: everything behind it would go
+    let mut long = before.clone();
+    long.extend(vec![0xff; 17 << 20]);
+    std::fs::write(&path, &long).unwrap();
+    let refused = CaptureWriter::append(&path, &session(), settings()).err().unwrap().to_string();
+    assert!(refused.contains("would be lost"), "{refused}");
+    assert_eq!(std::fs::metadata(&path).unwrap().len(), long.len() as u64);
 }
 
 #[test]

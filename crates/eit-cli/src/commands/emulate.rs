@@ -87,7 +87,8 @@ fn listen(port: &str) -> Result<Listen, CliError> {
     {
         let path = std::path::PathBuf::from(port);
         // what an emulator that was killed has left leads nowhere
-        if path.is_symlink() && !path.exists() {
+        let led = std::fs::read_link(&path).is_ok_and(|to| to.starts_with("/dev/pts"));
+        if led && !path.exists() {
             std::fs::remove_file(&path).map_err(|e| CliError::at(&path, e))?;
         }
         if path.symlink_metadata().is_ok() {

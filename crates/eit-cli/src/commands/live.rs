@@ -38,6 +38,8 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Answer, CliError> {
     session.stop();
     let statistics = FrameSource::statistics(&session);
     let name = session.setup().identity.to_string();
-    let files = viewer.finish()?;
-    Ok(answer(&name, &summary?, &statistics, &files))
+    // what stopped the view is what the user wants to know; a writer that failed fails again
+    let files = viewer.finish();
+    let summary = summary?;
+    Ok(answer(&name, &summary, &statistics, &files?))
 }

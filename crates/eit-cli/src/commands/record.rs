@@ -55,7 +55,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
             if session.is_over() {
                 break;
             }
-            taken.next(&session, &mut writer)?;
+            taken.next(&session, &mut writer, WAIT)?;
             if taken.frames % 16 == 0 {
                 bar.set_message(format!("{} frames; Ctrl-C ends it", taken.frames));
             }
@@ -64,6 +64,12 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
     });
     session.stop();
     let interrupted = ended.map_err(|error| stopped(error, place, taken.frames))?;
+    // what had come before the end
+    while taken.frames < args.frames.unwrap_or(u64::MAX)
+        && taken
+            .next(&session, &mut writer, Duration::ZERO)
+            .map_err(|error| stopped(error, place, taken.frames))?
+    {}
     writer.finish().map_err(|error| stopped(error.into(), place, taken.frames))?;
     Ok(answer((place, bytes_before), &session, &taken, interrupted))
 }
@@ -94,9 +100,14 @@ pub(super) struct Taken {
 }
 
 impl Taken {
-    /// Waits for an event and records it.
-    fn next(&mut self, session: &Session, writer: &mut CaptureWriter) -> Result<(), CliError> {
-        match session.next_event(WAIT)? {
+    /// Waits for an event and records it; false where none came.
+    fn next(
+        &mut self,
+        session: &Session,
+        writer: &mut CaptureWriter,
+        wait: Duration,
+    ) -> Result<bool, CliError> {
+        match session.next_event(wait)? {
             Some(Event::Frame(frame)) => {
                 writer.frame(&frame)?;
                 self.frames += 1;
@@ -108,9 +119,12 @@ impl Taken {
                     self.notes += 1;
                 }
             }
-            None => writer.tick()?,
+            None => {
+                writer.tick()?;
+                return Ok(false);
+            }
         }
-        Ok(())
+        Ok(true)
     }
 }
 

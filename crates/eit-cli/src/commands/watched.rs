@@ -103,6 +103,13 @@ impl Watcher for Viewer<'_> {
         Ok(())
     }
 
+    fn idle(&mut self) -> Result<(), CliError> {
+        match &mut self.writer {
+            Some(writer) => Ok(writer.tick()?),
+            None => Ok(()),
+        }
+    }
+
     fn waiting(&mut self, left: usize) -> Result<(), CliError> {
         self.terminal.waiting(left);
         Ok(())

@@ -86,16 +86,27 @@ impl CaptureWriter {
     /// tools read it from its beginning. Reads the whole file once, in little memory.
     ///
     /// # Errors
-    /// As [`create`](Self::create) and [`read`](super::read).
+    /// As [`create`](Self::create) and [`read`](super::read); [`HwError::Container`] where what it
+    /// holds was measured otherwise (measurements, unit, current), or where more would be cut off
+    /// than an unfinished chunk and an index can be.
     pub fn append(
         path: &Path,
         session: &SessionRecord,
         settings: CaptureSettings,
     ) -> Result<Self, HwError> {
         check(settings)?;
+        same_set_up(path, session)?;
         let whole = CaptureReader::open(path)?.whole_bytes()?;
         let failed = |source| HwError::Write { place: Place::file(path), source };
         let mut file = OpenOptions::new().write(true).open(path).map_err(failed)?;
+        let cut = file.metadata().map_err(failed)?.len().saturating_sub(whole);
+        if cut > MOST_CUT_BYTES {
+            return Err(HwError::Container {
+                place: Place::file(path),
+                what: format!("{cut} bytes after a damaged record would be lost"),
+                mend: "record into another file",
+            });
+        }
         // not even its head was whole
         let goes_on = whole > MAGIC.len() as u64;
         let end = if goes_on { whole } else { 0 };
@@ -289,6 +300,36 @@ impl CaptureWriter {
             .sync_data()
             .map_err(|source| HwError::Write { place: Place::file(&self.path), source })
     }
+}
+
+/// Most that is cut off a recording to go on with it: an unfinished chunk is one or two of these, the
+/// index of a day less.
+const MOST_CUT_BYTES: u64 = 16 << 20;
+
+/// Refuses to go on with a recording of another set-up: nothing could read the whole.
+fn same_set_up(path: &Path, session: &SessionRecord) -> Result<(), HwError> {
+    let mut reader = CaptureReader::open(path)?;
+    let found = loop {
+        match reader.next_entry()? {
+            Some(Entry::Session(found)) => break found,
+            Some(_) => {}
+            None => return Ok(()),
+        }
+    };
+    let differs = if found.quadruples != session.quadruples {
+        "measurements"
+    } else if found.unit != session.unit {
+        "the unit"
+    } else if found.current_a != session.current_a {
+        "the current"
+    } else {
+        return Ok(());
+    };
+    Err(HwError::Container {
+        place: Place::file(path),
+        what: format!("{differs} of what it holds differ from those to come"),
+        mend: "record each set-up in a file of its own",
+    })
 }
 
 impl Drop for CaptureWriter {

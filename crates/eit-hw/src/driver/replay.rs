@@ -97,12 +97,18 @@ impl Replay {
         };
         let place = path.to_path_buf();
         let mut reader = CaptureReader::open(path)?;
+        // a recording that was gone on with has runs that each begin at epoch 0
+        let (mut first_epoch, mut epoch, mut is_begun) = (0_u32, 0_u32, false);
         let events = std::iter::from_fn(move || {
             loop {
                 let event = match reader.next_entry() {
                     Err(error) => return Some(Err(error)),
                     Ok(None) => return None,
-                    Ok(Some(Entry::Frame(frame))) => Event::Frame(frame),
+                    Ok(Some(Entry::Frame(mut frame))) => {
+                        frame.epoch = first_epoch.saturating_add(frame.epoch);
+                        (epoch, is_begun) = (frame.epoch, true);
+                        Event::Frame(frame)
+                    }
                     Ok(Some(Entry::Note(text))) => Event::Notice(text),
                     Ok(Some(Entry::Session(other))) if other.quadruples != session.quadruples => {
                         return Some(Err(HwError::Container {
@@ -114,6 +120,10 @@ impl Replay {
                             ),
                             mend: "record each set-up in a file of its own",
                         }));
+                    }
+                    Ok(Some(Entry::Session(_))) if is_begun => {
+                        first_epoch = epoch.saturating_add(1);
+                        continue;
                     }
                     // what was found then is found anew
                     Ok(Some(_)) => continue,
@@ -171,6 +181,10 @@ impl Replay {
     /// How long until a frame is due; zero where it is.
     fn due_in(&mut self, frame: &Frame) -> Duration {
         let Pace::Times(times) = self.pace else { return Duration::ZERO };
+        // a pause between two runs is not waited for
+        if self.last.is_some_and(|(_, epoch)| epoch != frame.epoch) {
+            self.start = None;
+        }
         let Some(time_s) = frame.host_time_s.or(frame.device_time_s) else { return Duration::ZERO };
         let &mut (start, first_s) = self.start.get_or_insert((Instant::now(), time_s));
         let after = Duration::try_from_secs_f64((time_s - first_s) / times).unwrap_or_default();
@@ -184,9 +198,9 @@ impl Replay {
                 self.statistics.reconnections += 1;
                 Some(Event::Reconnected { epoch: frame.epoch })
             }
-            Some((sequence, _)) if frame.sequence > sequence + 1 => {
+            Some((sequence, _)) if frame.sequence > sequence.saturating_add(1) => {
                 let frames = frame.sequence - sequence - 1;
-                self.statistics.lost += frames;
+                self.statistics.lost = self.statistics.lost.saturating_add(frames);
                 Some(Event::Gap { frames })
             }
             _ => None,

@@ -152,7 +152,9 @@ impl Host {
             Self::Terminal { link, master, open } => {
                 // first the path: once the terminal is closed, its name may be another one's.
                 // Already gone is as good
-                let _ = std::fs::remove_file(link);
+                if std::fs::read_link(&*link).is_ok_and(|to| to.starts_with("/dev/pts")) {
+                    let _ = std::fs::remove_file(link);
+                }
                 (*master, *open) = (None, false);
             }
         }

@@ -77,7 +77,10 @@ impl Reader {
                 queue.count(|statistics| statistics.bytes += received as u64);
                 self.driver.receive(&buffer[..received], &mut |found| {
                     frames += u32::from(matches!(found, Found::Frame(_)));
-                    end = end.take().or(take(queue, stream, found));
+                    // what comes after an end is another connection's
+                    if end.is_none() {
+                        end = take(queue, stream, found);
+                    }
                 });
             }
             match end {
