@@ -147,8 +147,8 @@ pub(crate) enum Command {
     /// Speaks the protocol of the scene's driver from the instrument's side and sends frames of a
     /// file over and over, or the untouched skin by the scene's model, with noise.
     ///
-    /// Example: eit emulate my.toml --port /tmp/skin --fault unplug_after_bytes=[100000], then
-    /// eit live my.toml --port /tmp/skin
+    /// Example: `eit emulate my.toml --port ./skin --fault unplug_after_bytes=[100000]`, then
+    /// `eit live my.toml --port ./skin`
     Emulate(EmulateArgs),
 }
 

@@ -39,6 +39,12 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     if ending != "mcap" && flagged > 0 {
         notes.push(format!("{flagged} flagged values: a table has no flags"));
     }
+    if ending == "mcap" && recording.format == eit_hw::Format::Mcap {
+        notes.push(
+            "epochs, gaps, the host's clock, notes and scene of the recording are not carried over"
+                .into(),
+        );
+    }
     if skipped > 0 {
         notes.push(format!("{skipped} frames left out: a value is not finite"));
     }

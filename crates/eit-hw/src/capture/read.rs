@@ -8,7 +8,7 @@ use super::{CaptureReader, Entry, SessionRecord};
 use crate::error::{HwError, Place};
 use crate::frame::{Frame, Quality};
 use crate::readers::Format;
-use crate::recording::{Layout, Recording, Unit};
+use crate::recording::{Layout, Note, Recording, Unit};
 
 /// A recording that was read.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -108,6 +108,10 @@ impl Capture {
         recording.quality = Array2::from_shape_vec((rows, count), quality).map_err(none)?;
         let steady = times.len() == rows && times.is_sorted();
         recording.device_time_s = steady.then_some(times);
+        let Damage { bad_chunks: chunks, bad_messages: messages, cut_bytes, .. } = self.damage;
+        if chunks + messages + cut_bytes > 0 {
+            recording.notes.push(Note::Damaged { chunks, messages, cut_bytes });
+        }
         recording.current_a = session.current_a;
         recording.frequency_hz = session.frequency_hz;
         Ok(recording)

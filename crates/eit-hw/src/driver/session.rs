@@ -136,7 +136,7 @@ impl Session {
     /// Opens the connection, sets the instrument up, starts it and a thread that reads it.
     ///
     /// # Errors
-    /// [`HwError`] of the settings, the connection or the set-up; [`FrameMap::new`]'s where the
+    /// [`HwError`] of the settings, the connection or the set-up; [`FrameMap::new`](crate::FrameMap::new)'s where the
     /// instrument does not measure the protocol.
     pub fn open(
         mut driver: Box<dyn Driver>,

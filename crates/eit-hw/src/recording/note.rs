@@ -137,11 +137,25 @@ pub enum Note {
         /// Its rows.
         rows: usize,
     },
+    /// A recording has damaged parts, whose frames are left out.
+    Damaged {
+        /// Chunks whose checksum or content is wrong.
+        chunks: usize,
+        /// Messages that cannot be read.
+        messages: usize,
+        /// Bytes at the end that are no whole record.
+        cut_bytes: usize,
+    },
 }
 
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Damaged { chunks, messages, cut_bytes } => write!(
+                f,
+                "damaged: {chunks} chunk(s) and {messages} message(s) left out, {cut_bytes} bytes cut \
+                 off at the end"
+            ),
             Self::HeaderLine { line } => write!(f, "line {line} holds no number: header skipped"),
             Self::NoLineEnd { line } => {
                 write!(f, "line {line} has no line end: its last number may be cut")
