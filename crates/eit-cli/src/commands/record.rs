@@ -136,7 +136,7 @@ fn stopped(error: CliError, place: &Path, frames: u64) -> CliError {
             while let Ok(Some(entry)) = reader.next_entry() {
                 whole += u64::from(matches!(entry, eit_hw::capture::Entry::Frame(_)));
             }
-            format!("{} holds {whole} frames, of which {frames} came now", place.display())
+            format!("{} holds {whole} frames; {frames} came in this run", place.display())
         }
         Err(_) => format!("{} is not readable", place.display()),
     };
