@@ -15,6 +15,7 @@ mod draw;
 mod emulated;
 mod error;
 mod frames;
+mod html;
 mod interrupt;
 mod method;
 mod output;
