@@ -195,9 +195,13 @@ pub(crate) struct ReportArgs {
     /// and fabrics that they were not trained on, and on frames like none they have seen.
     #[arg(long, conflicts_with_all = ["quality", "touches"])]
     pub denoise: bool,
-    /// Weights to compare with --denoise: "default", or a file of `eit train`; more than once for
-    /// more.
-    #[arg(long, requires = "denoise", value_name = "W", default_value = "default")]
+    /// Only these scenes of the error-against-run-time report: paper-disc-60, paper-disc-40,
+    /// stiff-contact, high-contrast, general-32, single-frame.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    #[arg(conflicts_with_all = ["quality", "touches", "denoise"])]
+    pub scenes: Vec<String>,
+    /// U-nets to compare: "default", or a file of `eit train`; more than once for more.
+    #[arg(long, value_name = "W", default_value = "default")]
     pub weights: Vec<String>,
     /// Method of the raw images for --denoise [default: st-tv].
     #[arg(long, requires = "denoise", value_name = "METHOD")]

@@ -17,6 +17,7 @@ mod error;
 mod frames;
 mod html;
 mod interrupt;
+mod machine;
 mod method;
 mod output;
 mod picture;

@@ -18,12 +18,19 @@ pub(crate) struct StageTime {
 pub(crate) struct Progress {
     times: Vec<StageTime>,
     silent: bool,
+    /// What the stages are part of; may be empty.
+    group: String,
 }
 
 impl Progress {
     /// Shows nothing: for the parts of work that has a bar of its own.
     pub fn silent() -> Self {
         Self { silent: true, ..Self::default() }
+    }
+
+    /// Names what the next stages are part of.
+    pub fn group(&mut self, name: String) {
+        self.group = name;
     }
 
     /// Runs a stage without inner steps.
@@ -56,7 +63,10 @@ impl Progress {
         if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style);
         }
-        bar.set_message(stage);
+        match self.group.as_str() {
+            "" => bar.set_message(stage),
+            group => bar.set_message(format!("{group}: {stage}")),
+        }
         if !self.silent {
             bar.enable_steady_tick(Duration::from_millis(100));
         }

@@ -3,24 +3,24 @@
 mod left_out;
 mod method_words;
 mod net;
-mod sequence;
-mod stages;
+pub(crate) mod sequence;
+pub(crate) mod stages;
 
 use super::Answer;
 use crate::cli::PlanArgs;
 use crate::error::CliError;
+use crate::machine::Machine;
 use crate::method::{self, MethodChoice};
-use crate::pipeline::{self, Setup};
+use crate::pipeline::{self, Setup, series};
 use crate::progress::Progress;
-use crate::scene::{OneOrMany, Scene, Shape};
-use eit_fem::analytic::DiscSeries;
-use eit_mesh::Placement;
+use crate::scene::Scene;
 use sequence::Sequence;
 use serde_json::{Value, json};
 use stages::Stage;
 
-/// The mesh-free series costs `electrodes^2` sums of Bessel products: 0.1 s for 16, 0.5 s for 32.
-const MOST_SERIES_ELECTRODES: usize = 32;
+/// Degree of the mesh-free series: the two digits printed do not change from degree 8 to 24 on the
+/// paper-disc.
+const PLAN_DEGREE: usize = 12;
 
 /// Builds what sizes need (mesh and symbolic factorisation), predicts the rest.
 pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
@@ -37,7 +37,8 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     let frames = recording.as_ref().map(|frames| frames.values.nrows());
     let choice = method::choose(&scene, args.method.as_deref(), frames)?;
     let sequence = Sequence::of(&scene, &setup, choice.method, recording.as_mut(), &mut progress);
-    let mut stages = stages::of(&scene, &setup, choice.method, sequence);
+    let machine = progress.stage("this machine", || Ok::<_, CliError>(Machine::measure()))?;
+    let mut stages = stages::of(&scene, &setup, (choice.method, sequence), &machine);
     let of_net = (setup.protocol.measurements(), stages::skin_share(&setup));
     stages.extend(net::of(&scene, crate::denoise::of_scene(&scene)?.as_ref(), of_net));
     let left_out = left_out::of(&scene, &setup, choice.method, sequence);
@@ -106,48 +107,12 @@ fn text(
 
 /// Error of this mesh on the homogeneous disc, relative to the largest voltage.
 fn voltage_error(scene: &Scene, setup: &Setup) -> Result<Option<f64>, CliError> {
-    if scene.skin.shape == Shape::Mesh || setup.protocol.electrodes() > MOST_SERIES_ELECTRODES {
-        return Ok(None);
-    }
-    let electrodes = scene.rim_electrodes()?;
-    let (Some(radius_m), Placement::EquallySpaced { count, first_angle_deg, direction }) =
-        (scene.skin.radius_m.filter(|_| scene.skin.shape == Shape::Disc), &electrodes.placement)
-    else {
-        return Ok(None);
-    };
-    let Some(OneOrMany::One(contact_impedance_ohm_m)) = scene.electrodes.contact_impedance_ohm_m
-    else {
-        return Ok(None);
-    };
-    let turn = match direction {
-        eit_mesh::Direction::Counterclockwise => 1.0,
-        eit_mesh::Direction::Clockwise => -1.0,
-    };
-    let step = turn * std::f64::consts::TAU / *count as f64;
-    let series = DiscSeries {
-        radius_m,
-        conductivity_s: scene.skin.conductivity_s,
-        electrode_angles_rad: (0..*count)
-            .map(|l| first_angle_deg.to_radians() + step * l as f64)
-            .collect(),
-        electrode_width_m: electrodes.width_m,
-        contact_impedance_ohm_m,
-        // the two digits printed do not change from degree 8 to 24 on the paper-disc
-        degree: 12,
-        harmonics: 2000,
-    };
-    let exact = series.electrode_potentials(setup.protocol.stimulations_a())?;
+    let Some(exact) = series::disc_voltages(scene, setup, PLAN_DEGREE)? else { return Ok(None) };
     let background = vec![scene.skin.conductivity_s; setup.model.elements()];
     let mut workspace = setup.model.workspace()?;
     let found = setup.model.solve(&background, &mut workspace)?.measurements();
-    let patterns = setup.protocol.measurement_patterns();
-    let exact = setup
-        .protocol
-        .data()
-        .iter()
-        .map(|&[s, m]| exact.row(s as usize).dot(&patterns.row(m as usize)));
     let (mut largest, mut error) = (0.0_f64, 0.0_f64);
-    for (exact, found) in exact.zip(&found) {
+    for (exact, found) in exact.iter().zip(&found) {
         largest = largest.max(exact.abs());
         error = error.max((exact - found).abs());
     }

@@ -1,6 +1,7 @@
 //! Stages of a plan: sizes, work, expected time.
 
 use super::sequence::Sequence;
+use crate::machine::Machine;
 use crate::method::Method;
 use crate::pipeline::tv::DEFAULT_TARGET_GAP;
 use crate::pipeline::{DEFAULT_NOISE_FIGURE, DEFAULT_PIXELS, Setup};
@@ -11,6 +12,7 @@ use eit_mesh::Quality;
 /// `docs/PERFORMANCE.md` with 16 electrodes at 2 000 and 20 000 nodes: sparse factorisation with
 /// its overhead per element, backward sweeps, priors per entry of the Jacobian, dense products and
 /// factorisations, stores to memory, reads from cache. Elsewhere they are a guide, not a promise.
+const FITTED_FLOPS_PER_S: f64 = 4e10;
 const FACTOR_FLOPS_PER_S: f64 = 8e9;
 const ELEMENT_S: f64 = 1.5e-7;
 const SWEEP_FLOPS_PER_S: f64 = 4e9;
@@ -39,7 +41,7 @@ const ABSOLUTE_STEPS: f64 = 2.0;
 pub(super) const ASSUMED_FRAMES: usize = 20;
 
 /// One stage of the plan.
-pub(super) struct Stage {
+pub(crate) struct Stage {
     pub name: &'static str,
     pub size: String,
     pub flops: f64,
@@ -62,7 +64,12 @@ struct Sizes<'a> {
 }
 
 /// The stages of a method, in the order of the work.
-pub(super) fn of(scene: &Scene, setup: &Setup, method: Method, sequence: Sequence) -> Vec<Stage> {
+pub(crate) fn of(
+    scene: &Scene,
+    setup: &Setup,
+    (method, sequence): (Method, Sequence),
+    machine: &Machine,
+) -> Vec<Stage> {
     let cost = setup.model.cost();
     let (m, n) = (setup.protocol.measurements() as f64, setup.model.elements() as f64);
     let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
@@ -89,6 +96,8 @@ pub(super) fn of(scene: &Scene, setup: &Setup, method: Method, sequence: Sequenc
             stages.extend([sizes.matrix(), step]);
         }
     }
+    let slowness = FITTED_FLOPS_PER_S / machine.double_flops_per_s;
+    stages.iter_mut().for_each(|stage| stage.time_s *= slowness);
     stages
 }
 
