@@ -18,6 +18,7 @@ mod frames;
 mod html;
 mod interrupt;
 mod machine;
+mod measured;
 mod method;
 mod output;
 mod picture;

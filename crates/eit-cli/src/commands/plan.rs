@@ -1,5 +1,6 @@
 //! `eit plan`: what a scene needs, what is left out and why.
 
+pub(crate) mod expected;
 mod left_out;
 mod method_words;
 mod net;
@@ -10,10 +11,12 @@ use super::Answer;
 use crate::cli::PlanArgs;
 use crate::error::CliError;
 use crate::machine::Machine;
+use crate::measured;
 use crate::method::{self, MethodChoice};
 use crate::pipeline::{self, Setup, series};
 use crate::progress::Progress;
 use crate::scene::Scene;
+use expected::Expected;
 use sequence::Sequence;
 use serde_json::{Value, json};
 use stages::Stage;
@@ -33,17 +36,25 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     method::choose(&scene, args.method.as_deref(), None)?;
     let mut progress = Progress::default();
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
+    // an instrument alone is watched as it measures
+    let scene_is_live = scene.instrument.is_some() && scene.recording.file.is_none();
     let mut recording = sequence::read(&scene, &setup, &mut progress);
     let frames = recording.as_ref().map(|frames| frames.values.nrows());
+    let voltages = progress.stage("voltages", || untouched(&scene, &setup))?;
+    let scene = measured::in_time(scene, &setup, (frames, scene_is_live), &voltages)?;
     let choice = method::choose(&scene, args.method.as_deref(), frames)?;
     let sequence = Sequence::of(&scene, &setup, choice.method, recording.as_mut(), &mut progress);
     let machine = progress.stage("this machine", || Ok::<_, CliError>(Machine::measure()))?;
-    let mut stages = stages::of(&scene, &setup, (choice.method, sequence), &machine);
+    let images = (choice.method, frames);
+    let expected = Expected::of(&scene, &setup, images, &voltages, &machine)?;
+    let planned = (choice.method, sequence);
+    let mut stages = stages::of(&scene, &setup, planned, (&machine, expected.row.as_ref()));
     let of_net = (setup.protocol.measurements(), stages::skin_share(&setup));
     stages.extend(net::of(&scene, crate::denoise::of_scene(&scene)?.as_ref(), of_net));
     let left_out = left_out::of(&scene, &setup, choice.method, sequence);
     let words = method_words::of(&scene, choice.method, sequence);
-    let voltage_error = progress.stage("mesh-free comparison", || voltage_error(&scene, &setup))?;
+    let voltage_error =
+        progress.stage("mesh-free comparison", || voltage_error(&scene, &setup, &voltages))?;
     let json = json!({
         "scene": scene.name,
         "method": choice.method.name(),
@@ -55,9 +66,12 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
         "left_out": left_out.iter().map(|(what, why)| json!({"what": what, "why": why}))
             .collect::<Vec<_>>(),
         "expected_voltage_error": voltage_error,
+        "expected_images": expected.json(),
+        "machine": machine,
         "built": progress.times(),
     });
-    let text = text(&scene.name, &choice, (&stages, &left_out, &words), voltage_error);
+    let parts = (&stages[..], &left_out, &words[..]);
+    let text = text(&scene.name, &choice, parts, (voltage_error, &expected, &machine));
     Ok(Answer { text, json })
 }
 
@@ -68,7 +82,7 @@ fn text(
     name: &str,
     choice: &MethodChoice,
     (stages, left_out, words): (&[Stage], &LeftOut, &[String]),
-    voltage_error: Option<f64>,
+    (voltage_error, expected, machine): (Option<f64>, &Expected, &Machine),
 ) -> String {
     let mut lines = vec![
         format!("method {}: {}", choice.method.name(), choice.why),
@@ -85,6 +99,7 @@ fn text(
         ));
         lines.push(format!("  {:<22} {}", "", s.why));
     }
+    lines.push(format!("times on this machine: {}", machine.words()));
     lines.push(match voltage_error {
         Some(error) => format!(
             "expected error of the voltages on this mesh: {error:.1e} of the largest (homogeneous \
@@ -96,6 +111,7 @@ fn text(
                 .to_owned()
         }
     });
+    lines.extend(expected.words());
     if !words.is_empty() {
         lines.push("how the method works on this scene".to_owned());
         lines.extend(words.iter().map(|line| format!("  {line}")));
@@ -105,14 +121,18 @@ fn text(
     lines.join("\n")
 }
 
-/// Error of this mesh on the homogeneous disc, relative to the largest voltage.
-fn voltage_error(scene: &Scene, setup: &Setup) -> Result<Option<f64>, CliError> {
-    let Some(exact) = series::disc_voltages(scene, setup, PLAN_DEGREE)? else { return Ok(None) };
+/// Voltages of the untouched skin on this mesh.
+fn untouched(scene: &Scene, setup: &Setup) -> Result<Vec<f64>, CliError> {
     let background = vec![scene.skin.conductivity_s; setup.model.elements()];
     let mut workspace = setup.model.workspace()?;
-    let found = setup.model.solve(&background, &mut workspace)?.measurements();
+    Ok(setup.model.solve(&background, &mut workspace)?.measurements().to_vec())
+}
+
+/// Error of this mesh on the homogeneous disc, relative to the largest voltage.
+fn voltage_error(scene: &Scene, setup: &Setup, found: &[f64]) -> Result<Option<f64>, CliError> {
+    let Some(exact) = series::disc_voltages(scene, setup, PLAN_DEGREE)? else { return Ok(None) };
     let (mut largest, mut error) = (0.0_f64, 0.0_f64);
-    for (exact, found) in exact.iter().zip(&found) {
+    for (exact, found) in exact.iter().zip(found) {
         largest = largest.max(exact.abs());
         error = error.max((exact - found).abs());
     }

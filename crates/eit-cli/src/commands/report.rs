@@ -9,6 +9,9 @@ mod scores;
 mod table;
 mod touches;
 
+#[cfg(test)]
+pub(crate) use race::case::CASES;
+
 use super::Answer;
 use crate::cli::ReportArgs;
 use crate::error::CliError;
@@ -16,7 +19,7 @@ use crate::output::OutFolder;
 use crate::progress::Progress;
 
 /// Files of the parts: each run removes those of the others that it does not make.
-const FILES: [&str; 34] = [
+const FILES: [&str; 36] = [
     "report.html",
     "forward.png",
     "inverse.csv",
@@ -24,6 +27,8 @@ const FILES: [&str; 34] = [
     "plan.csv",
     "error_paper_disc_60.png",
     "error_paper_disc_40.png",
+    "error_paper_fabric.png",
+    "images_paper_fabric.png",
     "error_stiff_contact.png",
     "error_high_contrast.png",
     "error_general_32.png",

@@ -70,7 +70,7 @@ impl Entrant {
     pub fn name(self) -> String {
         match self.lower_s {
             None => self.method.name().to_owned(),
-            Some(_) => format!("{}, never below 0", self.method.name()),
+            Some(_) => format!("{} ≥ 0", self.method.name()),
         }
     }
 }

@@ -1,17 +1,20 @@
 //! Error against run time: every solver on every built-in scene, measured now and here.
 //!
-//! A scene is a skin, two slowly moving fingers (once soft, once with an edge) and noise; simulated
+//! A scene is a skin, two slowly moving fingers (once soft, once with an edge) and noise, or the
+//! paper's experiments on the simulated fabric; simulated
 //! on a finer mesh, reconstructed on another. A direct method is one point, an iterated one a curve
 //! over the gap it is run to from cold. Beside each time stands the floor: the same work at this
 //! machine's best rates.
 
 mod best;
 pub(crate) mod case;
+mod fabric;
 mod floor;
 mod forward;
 mod inverse;
 mod merged;
 mod page;
+mod peers;
 mod plots;
 mod point;
 mod promise;
@@ -60,7 +63,7 @@ const FULL: Size = Size {
     frames: 20,
     pixels: &[16, 32, 64],
     absolute_frames: 4,
-    gaps: &[3e-1, 1e-1, 1e-2, 1e-3, 1e-4],
+    gaps: &[3e-1, 1e-1, 1e-2, 1e-3],
     deadline_s: 10.0,
     runs: 5,
     repeat_below_s: 1.0,
@@ -98,7 +101,7 @@ struct Findings {
     /// Solver, shape, reason.
     pub failures: Vec<(String, &'static str, String)>,
     pub forward: ForwardCourse,
-    pub promise: Promise,
+    pub promises: Vec<Promise>,
     /// Files of pictures and their bytes.
     pub pictures: Vec<(&'static str, Vec<u8>)>,
     /// Noise, meshes, pixels.
@@ -113,12 +116,13 @@ pub(super) fn run(
 ) -> Result<Answer, CliError> {
     let size = if args.quick { QUICK } else { FULL };
     let cases = chosen(&args.scenes)?;
+    args.peers.as_deref().map_or(Ok(()), peers::check)?;
     let machine = progress.stage("this machine", || Ok::<_, CliError>(Machine::measure()))?;
     let floors = Floors { machine };
     let mut results = Vec::new();
     for (number, case) in cases.iter().enumerate() {
         progress.group(format!("{} ({} of {})", case.name, number + 1, cases.len()));
-        results.push(one(case, &size, (&floors, &args.weights), progress)?);
+        results.push(one(case, &size, (&floors, args), progress)?);
     }
     page::write(&results, (&size, &floors.machine, args.quick), out, progress)
 }
@@ -141,13 +145,13 @@ fn chosen(names: &[String]) -> Result<Vec<Case>, CliError> {
 fn one(
     case: &Case,
     size: &Size,
-    (floors, weights): (&Floors, &[String]),
+    (floors, args): (&Floors, &ReportArgs),
     progress: &mut Progress,
 ) -> Result<Findings, CliError> {
     let scene = Scene::load(case.scene)?;
     let count = size.nodes.len() as u64;
     let forward = progress.steps("forward problem", count as usize, |bar| {
-        forward::course(&scene, size, floors, bar)
+        forward::course(&scene, (size, args.peers.as_deref()), floors, bar)
     })?;
     let mut silent = Progress::silent();
     let benches: Vec<Bench> = size
@@ -156,37 +160,60 @@ fn one(
         .map(|&pixels| Bench::of(case.scene, pixels, &mut silent))
         .collect::<Result<_, _>>()?;
     let judge = &benches[benches.len() - 1];
-    let nets = nets(&scene, judge, weights)?;
+    // nets know the fabric: on other fingers they are judged by --denoise
+    let nets = if case.is_fabric { nets(&scene, judge, &args.weights)? } else { Vec::new() };
     let (mut courses, mut failures, mut recordings) = (Vec::new(), Vec::new(), Vec::new());
-    for (shape, finger) in FingerShape::ALL {
-        let settings = case.movie(finger, size.frames);
-        let simulated = simulate(&scene, &settings, &judge.raster, progress)?;
-        let truth = judge.pixels_of(simulated.truth.view())?;
-        let recording = Recording { shape, simulated, truth };
-        let lane = Lane { benches: &benches, recording: &recording, size, floors, nets: &nets };
+    for recording in recorded(case, judge, size, progress)? {
+        let peers = args.peers.as_deref();
+        let lane =
+            Lane { benches: &benches, recording: &recording, size, floors, nets: &nets, peers };
         let Outcome { courses: found, failures: failed } =
             progress.steps("solvers", lane.solvers(), |bar| Ok::<_, CliError>(lane.run(bar)))?;
-        failures.extend(failed.into_iter().map(|(solver, why)| (solver, shape, why)));
+        failures.extend(failed.into_iter().map(|(solver, why)| (solver, recording.shape, why)));
         courses.push(found);
         recordings.push(recording);
     }
     let rows = merged::rows(case, &courses);
-    let promise = progress.stage("the plan", || promise::of(judge, &recordings[0], floors))?;
+    let promises = progress.stage("the plan", || promise::of(judge, &recordings[0], floors))?;
+    let touched = match case.is_fabric {
+        true => "of one finger and of two".to_owned(),
+        false => format!("of {} fingers, soft or hard, noise {} dB", case::FINGERS, case.noise_db),
+    };
     let note = format!(
-        "{}: {}; {} frame{} of {} fingers, noise {} dB; simulated on {} nodes, reconstructed on \
-         {}, judged on {pixels} x {pixels} pixels",
+        "{}: {}; {} frame{} {touched}; simulated on {} nodes, reconstructed on {}, judged on \
+         {pixels} x {pixels} pixels",
         case.name,
         case.what,
         recordings[0].truth.nrows(),
         if case.is_still { "" } else { "s" },
-        case::FINGERS,
-        case.noise_db,
         recordings[0].simulated.nodes,
         judge.setup.mesh.surface().nodes().len(),
         pixels = judge.raster.pixels(),
     );
     let pictures = plots::draw(case, (&rows, &note), judge, (&recordings, &courses))?;
-    Ok(Findings { case: *case, rows, failures, forward, promise, pictures, note })
+    Ok(Findings { case: *case, rows, failures, forward, promises, pictures, note })
+}
+
+/// The two recordings of a scene: soft and hard fingers, or one finger and two on the fabric.
+fn recorded(
+    case: &Case,
+    judge: &Bench,
+    size: &Size,
+    progress: &mut Progress,
+) -> Result<Vec<Recording>, CliError> {
+    if case.is_fabric {
+        return fabric::SCRIPTS
+            .into_iter()
+            .map(|script| fabric::recording(judge, script, size, progress))
+            .collect();
+    }
+    let of = |(shape, finger): (&'static str, FingerShape)| {
+        let settings = case.movie(finger, size.frames);
+        let simulated = simulate(&judge.scene, &settings, &judge.raster, progress)?;
+        let truth = judge.pixels_of(simulated.truth.view())?;
+        Ok(Recording { shape, simulated, truth })
+    };
+    FingerShape::ALL.into_iter().map(of).collect()
 }
 
 /// The nets among `names` that were trained for this skin and raster. That the default one is for

@@ -17,12 +17,14 @@ pub(crate) struct Case {
     pub change: f64,
     /// One frame at rest instead of a movie.
     pub is_still: bool,
+    /// The paper's experiments on the simulated fabric instead; noise and change are the fabric's.
+    pub is_fabric: bool,
     /// Pictures of the report: curves, and one frame by every solver.
     pub files: [&'static str; 2],
 }
 
 /// Every scene, the paper's first.
-pub(crate) const CASES: [Case; 6] = [
+pub(crate) const CASES: [Case; 7] = [
     Case {
         name: "paper-disc-60",
         scene: "paper-disc",
@@ -30,6 +32,7 @@ pub(crate) const CASES: [Case; 6] = [
         noise_db: 60.0,
         change: 0.5,
         is_still: false,
+        is_fabric: false,
         files: ["error_paper_disc_60.png", "images_paper_disc_60.png"],
     },
     Case {
@@ -39,7 +42,18 @@ pub(crate) const CASES: [Case; 6] = [
         noise_db: 40.0,
         change: 0.5,
         is_still: false,
+        is_fabric: false,
         files: ["error_paper_disc_40.png", "images_paper_disc_40.png"],
+    },
+    Case {
+        name: "paper-fabric",
+        scene: "paper-disc",
+        what: "the paper's experiments on the simulated fabric: electrodes move with the finger",
+        noise_db: f64::NAN,
+        change: f64::NAN,
+        is_still: false,
+        is_fabric: true,
+        files: ["error_paper_fabric.png", "images_paper_fabric.png"],
     },
     Case {
         name: "stiff-contact",
@@ -48,6 +62,7 @@ pub(crate) const CASES: [Case; 6] = [
         noise_db: 60.0,
         change: 0.5,
         is_still: false,
+        is_fabric: false,
         files: ["error_stiff_contact.png", "images_stiff_contact.png"],
     },
     Case {
@@ -57,6 +72,7 @@ pub(crate) const CASES: [Case; 6] = [
         noise_db: 60.0,
         change: 10.0,
         is_still: false,
+        is_fabric: false,
         files: ["error_high_contrast.png", "images_high_contrast.png"],
     },
     Case {
@@ -66,6 +82,7 @@ pub(crate) const CASES: [Case; 6] = [
         noise_db: 60.0,
         change: 0.5,
         is_still: false,
+        is_fabric: false,
         files: ["error_general_32.png", "images_general_32.png"],
     },
     Case {
@@ -75,6 +92,7 @@ pub(crate) const CASES: [Case; 6] = [
         noise_db: 60.0,
         change: 0.5,
         is_still: true,
+        is_fabric: false,
         files: ["error_single_frame.png", "images_single_frame.png"],
     },
 ];

@@ -6,12 +6,14 @@
 
 use super::Size;
 use super::floor::Floors;
+use super::peers;
 use super::point::Spread;
 use crate::error::CliError;
 use crate::pipeline::{self, series};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use ndarray::Array1;
+use std::path::Path;
 use std::time::Instant;
 
 /// Nodes of the mesh that stands for the truth where no series does.
@@ -20,9 +22,14 @@ const REFERENCE_NODES: usize = 80_000;
 /// Degree of the series: four digits more than the finest mesh.
 const SERIES_DEGREE: usize = 24;
 
+/// Meshes that the peers solve on: their Jacobians take gigabytes on larger ones.
+const PEER_NODES: usize = 2_000;
+
 /// A mesh and what its voltages cost.
 #[derive(Debug, Clone)]
 pub(super) struct ForwardPoint {
+    /// Who solved.
+    pub solver: String,
     pub nodes: usize,
     pub elements: usize,
     /// Factorisation, voltages and Jacobian, seconds.
@@ -43,7 +50,7 @@ pub(super) struct ForwardCourse {
 /// Runs all meshes of a scene.
 pub(super) fn course(
     scene: &Scene,
-    size: &Size,
+    (size, python): (&Size, Option<&Path>),
     floors: &Floors,
     bar: &indicatif::ProgressBar,
 ) -> Result<ForwardCourse, CliError> {
@@ -61,6 +68,9 @@ pub(super) fn course(
         }
     };
     let largest = exact.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    let worst = |voltages: &Array1<f64>| {
+        voltages.iter().zip(&exact).fold(0.0_f64, |m, (v, e)| m.max((v - e).abs()))
+    };
     let mut points = Vec::new();
     for &nodes in size.nodes {
         bar.inc(1);
@@ -81,14 +91,28 @@ pub(super) fn course(
             seconds.push(start.elapsed().as_secs_f64());
             drop(jacobian);
         }
-        let off = voltages.iter().zip(&exact).fold(0.0_f64, |m, (v, e)| m.max((v - e).abs()));
         let sizes = [setup.protocol.measurements(), setup.model.elements()];
+        let (nodes_found, elements) = (setup.mesh.surface().nodes().len(), setup.model.elements());
+        let peers = match python {
+            Some(python) if nodes <= PEER_NODES => peers::forward(python, scene, &setup)?,
+            _ => Vec::new(),
+        };
+        points.extend(peers.into_iter().map(|peer| ForwardPoint {
+            solver: peer.name,
+            nodes: nodes_found,
+            elements,
+            time: peer.time,
+            floor_s: floors.forward(&setup.model.cost(), sizes),
+            // of the two senses of a voltage, the one that the peer means
+            error: worst(&peer.voltages).min(worst(&peer.voltages.mapv(|v| -v))) / largest,
+        }));
         points.push(ForwardPoint {
-            nodes: setup.mesh.surface().nodes().len(),
-            elements: setup.model.elements(),
+            solver: "ours".to_owned(),
+            nodes: nodes_found,
+            elements,
             time: Spread::of(seconds, 1),
             floor_s: floors.forward(&setup.model.cost(), sizes),
-            error: off / largest,
+            error: worst(&voltages) / largest,
         });
     }
     Ok(ForwardCourse { reference, points })

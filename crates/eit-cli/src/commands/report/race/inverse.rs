@@ -8,6 +8,7 @@
 use super::super::bench::{Bench, Entrant, Entry};
 use super::super::scores::{Scores, Truth};
 use super::floor::Floors;
+use super::peers::{self, PeerMovie, PeerProblem};
 use super::point::{Course, Point, Solver, Spread};
 use super::{Recording, Size};
 use crate::denoise::Net;
@@ -17,7 +18,8 @@ use crate::pipeline;
 use crate::progress::Progress;
 use crate::scene::{Hyperparameter, Rule};
 use eit_inverse::{Differences, MovieReport, MovieStatus, StTvStream, Stop, StreamSettings};
-use ndarray::{Array2, Array3, ArrayView2, Axis};
+use ndarray::{Array1, Array2, Array3, ArrayView2, Axis};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Total variation with and without what is known of the fabric.
@@ -30,8 +32,11 @@ const STILLS: [Entrant; 2] = [
     Entrant { method: Method::Tv, lower_s: None },
     Entrant { method: Method::Tv, lower_s: Some(0.0) },
 ];
-/// The one that streams.
-const STREAMED: Entrant = Entrant { method: Method::StTv, lower_s: Some(0.0) };
+/// Those that stream, and the gap of every frame.
+const STREAMS: [(Entrant, f64); 2] = [
+    (Entrant { method: Method::StTv, lower_s: None }, 1e-2),
+    (Entrant { method: Method::StTv, lower_s: Some(0.0) }, 1e-1),
+];
 /// Frames of a stream's window.
 const WINDOW: usize = 8;
 
@@ -44,6 +49,8 @@ pub(super) struct Lane<'a> {
     pub floors: &'a Floors,
     /// Nets that belong to the skin and to the finest raster, with their names.
     pub nets: &'a [(String, Net)],
+    /// An interpreter that runs the Python peers.
+    pub peers: Option<&'a Path>,
 }
 
 /// Everything that ran, and what failed with its reason.
@@ -59,7 +66,7 @@ impl Lane<'_> {
         let rasters = self.benches.len();
         match self.is_still() {
             true => rasters * (2 + STILLS.len()) + 1,
-            false => rasters * (3 + MOVIES.len()) + 3 + 2 * self.nets.len(),
+            false => rasters * (2 + STREAMS.len() + MOVIES.len()) + 3 + 2 * self.nets.len(),
         }
     }
 
@@ -82,17 +89,27 @@ impl Lane<'_> {
                 keep(&entrant.name(), self.total_variation(bench, *entrant));
             }
             if !self.is_still() {
-                keep("st-tv stream", self.stream(bench, None));
+                for stream in STREAMS {
+                    keep("st-tv stream", self.stream(bench, stream, None));
+                }
             }
         }
         for (name, net) in self.nets {
             keep(name, self.one_step(self.judge(), Rule::NoiseFigure, Some((name, net))));
-            keep(name, self.stream(self.judge(), Some((name, net))));
+            keep(name, self.stream(self.judge(), STREAMS[0], Some((name, net))));
         }
         let on_elements = [Method::TimePrior, Method::Kalman, Method::GaussNewtonAbsolute];
         let first = if self.is_still() { 2 } else { 0 };
         for method in &on_elements[first..] {
             keep(method.name(), self.on_elements(*method));
+        }
+        if let Some(python) = self.peers {
+            match peers::inverse(python, self) {
+                Ok(movies) => movies.into_iter().for_each(|movie| {
+                    keep(&movie.name.clone(), self.peer(movie));
+                }),
+                Err(error) => keep("Python peers", Err(error)),
+            }
         }
         outcome
     }
@@ -152,7 +169,7 @@ impl Lane<'_> {
             Rule::NoiseFigure => self.live_course("gauss-newton", bench, (setup, made), net),
             // sees the recording before its first image
             _ => {
-                let name = "gauss-newton, cross-validated";
+                let name = "gauss-newton, gcv";
                 let mut course = self.live_course(name, bench, (setup, made), net)?;
                 course.solver.is_live = false;
                 Ok(course)
@@ -161,10 +178,15 @@ impl Lane<'_> {
     }
 
     /// A stream's images of the newest frame, and through a net.
-    fn stream(&self, bench: &Bench, net: Option<(&String, &Net)>) -> Result<Course, CliError> {
+    fn stream(
+        &self,
+        bench: &Bench,
+        (entrant, target_gap): (Entrant, f64),
+        net: Option<(&String, &Net)>,
+    ) -> Result<Course, CliError> {
         let (mut seconds, mut found) = (Vec::new(), None);
         for _ in 0..self.size.stream_runs {
-            let entry = self.entry(bench, STREAMED)?;
+            let entry = self.entry(bench, entrant)?;
             let set_up = SetUp {
                 set_up_s: entry.set_up_s,
                 choice_s: entry.choice_s,
@@ -173,7 +195,6 @@ impl Lane<'_> {
             let Some(solver) = entry.into_tv() else {
                 return Err(CliError::Failure("no solver of total variation".to_owned()));
             };
-            let target_gap = 1e-2;
             let settings =
                 StreamSettings { window: WINDOW, lag: 0, target_gap, ..Default::default() };
             let mut stream = StTvStream::new(solver, settings)?;
@@ -193,16 +214,20 @@ impl Lane<'_> {
             }
             seconds.push(start.elapsed().as_secs_f64());
             let report = (iterations, status, Some(worst));
-            found = Some((movie, report, set_up, target_gap));
+            found = Some((movie, report, set_up));
         }
-        let Some((movie, report, set_up, target_gap)) = found else {
+        let Some((movie, report, set_up)) = found else {
             return Err(CliError::Failure("no run of the stream".to_owned()));
         };
         let each = report.0 as f64 / self.frames() as f64;
         let floor_s = self.floors.total_variation(bench, WINDOW, each);
         let target_gap = Some(target_gap);
         let made = Made { movie, seconds, floor_s, report: Some(report), target_gap };
-        self.live_course("st-tv stream", bench, (set_up, made), net)
+        let name = match entrant.lower_s {
+            None => "st-tv stream",
+            Some(_) => "st-tv ≥ 0 stream",
+        };
+        self.live_course(name, bench, (set_up, made), net)
     }
 
     /// A course of one point, whose images may go through a net.
@@ -303,6 +328,56 @@ impl Lane<'_> {
         let name = entrant.name();
         let solver = Solver { name, pixels: Some(bench.raster.pixels()), is_live: false };
         Ok(self.course(solver, SetUp::of(&entry), points, last.unwrap_or_default()))
+    }
+
+    /// What the Python peers are given: the one-step matrix, and the problem of total variation with
+    /// the weights that ours chose.
+    pub fn peer_problem(&self) -> Result<PeerProblem, CliError> {
+        let (judge, simulated) = (self.judge(), &self.recording.simulated);
+        let frames = &simulated.frames;
+        let mut scene = judge.scene.clone();
+        scene.noise.additive_v = Some(simulated.noise_std_v);
+        let mut silent = Progress::silent();
+        let parts = (&judge.setup, &judge.linearised);
+        let imaging = pipeline::imaging(&scene, parts.0, parts.1, frames, &mut silent)?;
+        let on_pixels = imaging.difference.on_raster(judge.raster.pixel_from_element())?;
+        let entrant = if self.is_still() { STILLS[0] } else { MOVIES[0] };
+        let Some(solver) = self.entry(judge, entrant)?.into_tv() else {
+            return Err(CliError::Failure("no solver of total variation".to_owned()));
+        };
+        let settings = solver.settings();
+        let noise = settings.noise_std.clone().unwrap_or_else(|| vec![1.0; frames.used.len()]);
+        let mut whitened_jacobian = pipeline::tv::pixel_jacobian(
+            &judge.linearised,
+            &judge.raster,
+            judge.kind(),
+            &frames.used,
+        )?;
+        for (mut row, noise) in whitened_jacobian.rows_mut().into_iter().zip(&noise) {
+            row.mapv_inplace(|j| j / noise);
+        }
+        let differences = frames.differences(judge.kind());
+        let whitened_differences = &differences / &Array1::from(noise);
+        let side = judge.raster.pixel_m();
+        Ok(PeerProblem {
+            matrix: on_pixels.reconstruction_matrix(),
+            differences,
+            whitened_jacobian,
+            whitened_differences,
+            mask: judge.raster.mask().mapv(|inside| f64::from(u8::from(inside))),
+            weights: [settings.lambda_space * side, settings.lambda_time * side * side],
+        })
+    }
+
+    /// A peer's movie, judged as ours.
+    fn peer(&self, movie: PeerMovie) -> Result<Course, CliError> {
+        let PeerMovie { name, seconds, movie } = movie;
+        let solver = Solver { name, pixels: Some(self.judge().raster.pixels()), is_live: false };
+        let floor_s = f64::NAN;
+        let made = Made { movie, seconds, floor_s, report: None, target_gap: None };
+        let point = self.point(&made.movie, &made)?;
+        let set_up = SetUp { set_up_s: 0.0, choice_s: 0.0, choice: "as ours".to_owned() };
+        Ok(self.course(solver, set_up, vec![point], made.movie))
     }
 
     /// Whether a run is short enough to repeat.

@@ -1,4 +1,4 @@
-//! Both shapes of fingers together: what tables, plots and choices are made of.
+//! Both recordings of a scene (soft and hard fingers; one finger and two on the fabric) together: what tables, plots and choices are made of.
 
 use super::case::Case;
 use super::point::{Course, Point, Solver, Spread};
@@ -112,8 +112,8 @@ impl Row {
         "target_gap",
         "live",
         "relative_error",
-        "relative_error_bell",
-        "relative_error_pad",
+        "relative_error_first",
+        "relative_error_second",
         "position_error_mm",
         "found",
         "extra_blobs",

@@ -114,15 +114,15 @@ fn choices_table(results: &[Findings]) -> Table {
         &head,
         rows.collect(),
         "The least error within a time a frame may take; of live ones only solvers that give a \
-         frame's image before the next frame comes. Error: relative, root mean square over soft and \
-         hard fingers, 1 for an empty image. Without set-up.",
+         frame's image before the next frame comes. Error: relative, root mean square over soft \
+         and hard fingers (one and two on the fabric), 1 for an empty image. Without set-up.",
     )
 }
 
 fn promise_table(results: &[Findings]) -> Table {
     let mut rows = Vec::new();
-    for result in results {
-        let promise = &result.promise;
+    let all = results.iter().flat_map(|r| r.promises.iter().map(move |promise| (r, promise)));
+    for (result, promise) in all {
         for (stage, planned_s, measured_s) in &promise.stages {
             rows.push(vec![
                 result.case.name.to_owned(),
@@ -157,6 +157,7 @@ fn forward_table(results: &[Findings]) -> Table {
         for point in &result.forward.points {
             rows.push(vec![
                 result.case.name.to_owned(),
+                point.solver.clone(),
                 point.nodes.to_string(),
                 point.elements.to_string(),
                 format!("{:.3}", 1e3 * point.time.least_s),
@@ -171,6 +172,7 @@ fn forward_table(results: &[Findings]) -> Table {
     Table::new(
         &[
             "scene",
+            "solver",
             "nodes",
             "elements",
             "least, ms",
@@ -219,8 +221,8 @@ fn scene_table(result: &Findings) -> Table {
             "pixels",
             "gap asked",
             "error",
-            "soft",
-            "hard",
+            "soft / one",
+            "hard / two",
             "position, mm",
             "found",
             "ms a frame",
@@ -287,18 +289,18 @@ fn json(results: &[Findings], machine: &Machine, progress: &Progress) -> Value {
             "forward": {
                 "reference": result.forward.reference,
                 "meshes": result.forward.points.iter().map(|p| json!({
-                    "nodes": p.nodes, "elements": p.elements, "time": p.time,
+                    "solver": p.solver, "nodes": p.nodes, "elements": p.elements, "time": p.time,
                     "floor_s": p.floor_s, "error": p.error,
                 })).collect::<Vec<_>>(),
             },
-            "plan": {
-                "method": result.promise.method.name(),
-                "stages": result.promise.stages.iter().map(|(stage, planned_s, measured_s)| json!({
+            "plans": result.promises.iter().map(|promise| json!({
+                "method": promise.method.name(),
+                "stages": promise.stages.iter().map(|(stage, planned_s, measured_s)| json!({
                     "stage": stage, "planned_s": planned_s, "measured_s": measured_s,
                 })).collect::<Vec<_>>(),
-                "expected_error": result.promise.error.0,
-                "measured_error": result.promise.error.1,
-            },
+                "expected_error": promise.error.0,
+                "measured_error": promise.error.1,
+            })).collect::<Vec<_>>(),
         })
     };
     json!({

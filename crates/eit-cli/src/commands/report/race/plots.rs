@@ -12,7 +12,11 @@ use crate::picture::{Canvas, FrameLabels, PictureSettings, Plot, Series, draw_pl
 use ndarray::Axis;
 
 /// Solvers whose curve over the pixels is one line.
-const ONE_POINT: [&str; 3] = ["gauss-newton", "gauss-newton, cross-validated", "st-tv stream"];
+const ONE_POINT: [&str; 4] =
+    ["gauss-newton", "gauss-newton, gcv", "st-tv stream", "st-tv ≥ 0 stream"];
+
+/// A peer whose settings are one curve.
+const PEER: &str = "NumPy primal-dual";
 
 /// Files of a scene's pictures and their bytes.
 pub(super) fn draw(
@@ -30,8 +34,8 @@ pub(super) fn draw(
     let plot = draw_plot(&Plot {
         title: format!("Error of the movie against run time: {}", case.name),
         footnote: format!(
-            "{note}. Error: root mean square over soft and hard fingers; 1: an empty image. Curves \
-             run over the gap, or over the pixels where the name says so"
+            "{note}. Error: root mean square over both recordings; 1: an empty image. Curves run \
+             over the gap, or over the pixels where the name says so"
         ),
         x_label: "time per frame (s)".to_owned(),
         y_label: "relative error".to_owned(),
@@ -59,11 +63,12 @@ fn series(rows: &[Row], finest: usize) -> Vec<Series> {
     for row in rows {
         let name = match row.solver.pixels {
             _ if ONE_POINT.contains(&row.solver.name.as_str()) => {
-                format!("{}, 16 to {finest} pixels", row.solver.name)
+                format!("{}, 16 to {finest} px", row.solver.name)
             }
             None => row.solver.name.clone(),
-            Some(pixels) if row.solver.name.starts_with("st-tv, never") => {
-                format!("{}, {pixels} pixels", row.solver.name)
+            _ if row.solver.name.starts_with(PEER) => PEER.to_owned(),
+            Some(pixels) if row.solver.name.starts_with("st-tv ≥") => {
+                format!("{}, {pixels} px", row.solver.name)
             }
             Some(pixels) if pixels == finest => row.solver.name.clone(),
             Some(_) => continue,
@@ -85,12 +90,22 @@ fn series(rows: &[Row], finest: usize) -> Vec<Series> {
 
 /// Error of the voltages over time, one curve a scene.
 pub(super) fn forward(courses: &[(&str, &ForwardCourse)]) -> Result<Canvas, CliError> {
-    let one = |(name, course): &(&str, &ForwardCourse)| Series {
-        name: (*name).to_owned(),
-        points: course.points.iter().map(|p| [p.time.median_s, p.error]).collect(),
-        line: true,
-        markers: true,
-    };
+    let mut series: Vec<Series> = Vec::new();
+    for (scene, course) in courses {
+        for point in &course.points {
+            let name = match point.solver.as_str() {
+                "ours" => (*scene).to_owned(),
+                peer => format!("{scene}, {peer}"),
+            };
+            let place = [point.time.median_s, point.error];
+            match series.iter_mut().find(|known| known.name == name) {
+                Some(known) => known.points.push(place),
+                None => {
+                    series.push(Series { name, points: vec![place], line: true, markers: true })
+                }
+            }
+        }
+    }
     Ok(draw_plot(&Plot {
         title: "Error of the voltages against run time".to_owned(),
         footnote: "Factorisation, voltages and Jacobian, mesh by mesh; untouched skin; error: the \
@@ -100,7 +115,7 @@ pub(super) fn forward(courses: &[(&str, &ForwardCourse)]) -> Result<Canvas, CliE
         y_label: "error".to_owned(),
         x_log: true,
         y_log: true,
-        series: courses.iter().map(one).collect(),
+        series,
         zoom: 2,
     })?)
 }

@@ -4,6 +4,7 @@ use super::super::bench::{Bench, Entrant, Entry};
 use super::super::scores::{Scores, Truth};
 use super::Recording;
 use super::floor::Floors;
+use crate::commands::plan::expected::Expected;
 use crate::commands::plan::sequence::Sequence;
 use crate::commands::plan::stages;
 use crate::error::CliError;
@@ -28,24 +29,40 @@ pub(super) struct Promise {
     pub error: (Option<f64>, f64),
 }
 
-/// Runs the scene as its user would and compares.
+/// Runs the scene as its user would, with its own method and with one-step images, and compares.
 pub(super) fn of(
     bench: &Bench,
     recording: &Recording,
     floors: &Floors,
-) -> Result<Promise, CliError> {
+) -> Result<Vec<Promise>, CliError> {
     let mut scene = bench.scene.clone();
     scene.noise.additive_v = Some(recording.simulated.noise_std_v);
     let frames = recording.truth.nrows();
-    let method = method::choose(&scene, None, Some(frames))?.method;
-    let planned =
-        stages::of(&scene, &bench.setup, (method, Sequence::Frames(frames)), &floors.machine);
-    let measured = measure(&scene, bench, (method, recording))?;
+    let own = method::choose(&scene, None, Some(frames))?.method;
+    let methods = [own, Method::GaussNewton];
+    methods.into_iter().map(|method| one(&scene, bench, (method, recording), floors)).collect()
+}
+
+fn one(
+    scene: &Scene,
+    bench: &Bench,
+    (method, recording): (Method, &Recording),
+    floors: &Floors,
+) -> Result<Promise, CliError> {
+    let frames = recording.truth.nrows();
+    let voltages = bench.linearised.voltages.to_vec();
+    let machine = &floors.machine;
+    let images = (method, Some(frames));
+    let expected = Expected::of(scene, &bench.setup, images, &voltages, machine)?;
+    let sequence = Sequence::Frames(frames);
+    let measured_there = (machine, expected.row.as_ref());
+    let planned = stages::of(scene, &bench.setup, (method, sequence), measured_there);
+    let measured = measure(scene, bench, (method, recording))?;
     let both = planned.iter().filter_map(|stage| {
         let found = measured.times.iter().find(|(name, _)| *name == stage.name);
         found.map(|(name, seconds)| (*name, stage.time_s, *seconds))
     });
-    Ok(Promise { method, stages: both.collect(), error: (None, measured.error) })
+    Ok(Promise { method, stages: both.collect(), error: (expected.error(), measured.error) })
 }
 
 /// Seconds of each stage, and the error of the images.
