@@ -1,6 +1,6 @@
 //! `eit plan`: what a scene needs, what is left out and why.
 
-mod left_out;
+pub(super) mod left_out;
 mod method_words;
 mod net;
 mod sequence;
@@ -15,7 +15,7 @@ use crate::progress::Progress;
 use crate::scene::{OneOrMany, Scene, Shape};
 use eit_fem::analytic::DiscSeries;
 use eit_mesh::Placement;
-use sequence::Sequence;
+pub(super) use sequence::Sequence;
 use serde_json::{Value, json};
 use stages::Stage;
 

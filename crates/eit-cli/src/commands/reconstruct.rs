@@ -4,7 +4,6 @@ mod gauss_newton;
 mod total_variation;
 pub(super) mod touches;
 
-pub(super) use gauss_newton::footnote;
 pub(crate) use total_variation::status_words as movie_status_words;
 
 use super::{Answer, solve_json};

@@ -153,6 +153,17 @@ impl TouchFinder {
         is_good: impl Fn(usize) -> bool,
         time_s: f64,
     ) -> Result<&[Touch], CliError> {
+        self.image(values, is_good, time_s)?;
+        self.find(None, time_s)
+    }
+
+    /// Takes a frame: its reference and one-step image. [`find`](Self::find) is next.
+    pub fn image(
+        &mut self,
+        values: &[f64],
+        is_good: impl Fn(usize) -> bool,
+        time_s: f64,
+    ) -> Result<(), CliError> {
         self.bad.clear();
         self.bad.extend((0..self.used.len()).filter(|&i| self.used[i] && !is_good(i)));
         if self.bad.is_empty() {
@@ -166,7 +177,12 @@ impl TouchFinder {
             memory,
             &mut self.pixels,
         )?;
-        let found = self.stream.push(&self.pixels, time_s)?;
+        Ok(())
+    }
+
+    /// The touches of the frame at hand, in its one-step image or in another of its images.
+    pub fn find(&mut self, other: Option<&[f64]>, time_s: f64) -> Result<&[Touch], CliError> {
+        let found = self.stream.push(other.unwrap_or(&self.pixels), time_s)?;
         self.touched = found.iter().any(|touch| touch.state != TouchState::End);
         Ok(found)
     }
@@ -177,7 +193,17 @@ impl TouchFinder {
         self.stream.threshold() * largest
     }
 
-    /// The image of the last frame, a value for each pixel of the skin.
+    /// What is subtracted from the frame at hand, `[measurement]`.
+    pub fn reference(&self) -> &[f64] {
+        &self.drift.reference
+    }
+
+    /// Measurements that count.
+    pub fn used(&self) -> &[bool] {
+        &self.used
+    }
+
+    /// The one-step image of the last frame, a value for each pixel of the skin.
     pub fn pixels(&self) -> &[f64] {
         &self.pixels
     }

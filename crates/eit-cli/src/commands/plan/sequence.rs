@@ -8,7 +8,7 @@ use crate::scene::Scene;
 
 /// Frames that a plan is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Sequence {
+pub(in crate::commands) enum Sequence {
     /// No recording that can be read.
     Unknown,
     /// So many.
