@@ -15,6 +15,7 @@ use eit_inverse::{
     ReferenceSettings, Workspace,
 };
 use eit_mesh::Raster;
+use ndarray::{ArrayView3, Axis};
 
 /// Frames a second where nobody says.
 const DEFAULT_RATE_HZ: f64 = 20.0;
@@ -60,13 +61,15 @@ impl Touches {
     }
 }
 
-/// Finds touches in the one-step images of frames, whatever method makes the pictures: their noise
-/// is known cell by cell. `None` where the noise of the data is unknown. `gain` as in
-/// [`noise::known`].
+/// Finds touches in the images of a net where there are some, [frame, row, column]; otherwise in the
+/// one-step images of frames, whatever method makes the pictures: their noise is known cell by cell,
+/// and its floor is well above the noise of a net's images. `None` where the noise of the data is
+/// unknown. `gain` as in [`noise::known`].
 pub(crate) fn touches(
     scene: &Scene,
     (setup, linearised): (&Setup, &Linearised),
     (frames, gain): (&Frames, f64),
+    denoised: Option<ArrayView3<'_, f64>>,
     progress: &mut Progress,
 ) -> Result<Option<Touches>, CliError> {
     let rate_hz = frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
@@ -75,13 +78,23 @@ pub(crate) fn touches(
     check_images(frames.values.nrows(), &finder.raster)?;
     progress.stage("touches", || {
         let mut rows = Vec::new();
+        let mut pixels = vec![0.0; finder.raster.masked_pixels().len()];
         for frame in 0..frames.values.nrows() {
             let time_s = frame as f64 / rate_hz;
             let values = frames.values.row(frame).to_vec();
             let good = frames.good.row(frame);
-            let found = finder
-                .push(&values, |i| good[i], time_s)
+            finder
+                .image(&values, |i| good[i], time_s)
                 .map_err(|e| e.within(&format!("frame {frame}")))?;
+            let denoised = match &denoised {
+                Some(images) => {
+                    let image = images.index_axis(Axis(0), frame);
+                    finder.raster.pixels_from_image_into(image, &mut pixels)?;
+                    Some(&*pixels)
+                }
+                None => None,
+            };
+            let found = finder.find(denoised, time_s)?;
             rows.extend(found.iter().map(|touch| (frame, time_s, *touch)));
         }
         Ok(Some(Touches {
@@ -144,17 +157,6 @@ impl TouchFinder {
             reconstructor,
             raster: imaging.raster,
         }))
-    }
-
-    /// Takes a frame; its touches.
-    pub fn push(
-        &mut self,
-        values: &[f64],
-        is_good: impl Fn(usize) -> bool,
-        time_s: f64,
-    ) -> Result<&[Touch], CliError> {
-        self.image(values, is_good, time_s)?;
-        self.find(None, time_s)
     }
 
     /// Takes a frame: its reference and one-step image. [`find`](Self::find) is next.
