@@ -16,7 +16,8 @@ use std::path::PathBuf;
     name = "eit",
     version,
     arg_required_else_help = true,
-    after_help = "A SCENE is a TOML file or the name of a built-in scene (paper-disc).\n\n\
+    after_help = "A SCENE is a TOML file or the name of a built-in scene: paper-disc, stiff-contact, \
+        high-contrast, general-32, single-frame.\n\n\
         First steps:\n  \
         eit demo                               a simulated skin, from voltages to touches\n  \
         eit plan paper-disc                    what a scene needs, and what it will cost\n  \
@@ -107,13 +108,17 @@ pub(crate) enum Command {
     ///
     /// Writes images.npy [frame, row, column], sheet.png, movie.gif for a sequence, report.json.
     Denoise(DenoiseArgs),
-    /// Compare every method on simulated touches: error against run time, or quality.
+    /// Error against run time of every solver on every built-in scene, measured here and now.
     ///
-    /// Simulates soft and hard fingers on the built-in skin with a finer mesh and noise. Writes
-    /// error_bell.png, error_pad.png and gap.png (error and certified gap against time),
-    /// images.png, report.md and report.json; with --quality instead quality.md and quality.csv
-    /// (figures of merit over noise, speed and number of touches; some minutes), with --touches
-    /// touches.md, with --denoise denoise.md and its pictures.
+    /// Simulates soft and hard fingers with a finer mesh and noise; runs the forward problem on
+    /// meshes of many sizes and every inverse solver at many settings; compares what `eit plan`
+    /// promised. Writes report.html (open it), report.md, report.json, tables (inverse.csv,
+    /// forward.csv, plan.csv) and pictures. Some minutes; --quick takes one.
+    ///
+    /// With --quality instead quality.md and quality.csv (figures of merit over noise, speed and
+    /// number of touches), with --touches touches.md, with --denoise denoise.md and its pictures.
+    ///
+    /// Example: `eit report --scenes paper-disc-60 --peers python3`
     Report(ReportArgs),
     /// List the serial ports, or ask the scene's instrument who it is.
     ///
@@ -213,9 +218,17 @@ pub(crate) struct ReportArgs {
     /// and fabrics that they were not trained on, and on frames like none they have seen.
     #[arg(long, conflicts_with_all = ["quality", "touches"])]
     pub denoise: bool,
-    /// Weights to compare with --denoise: "default", or a file of `eit train`; more than once for
-    /// more.
-    #[arg(long, requires = "denoise", value_name = "W", default_value = "default")]
+    /// Only these scenes of the error-against-run-time report: paper-disc-60, paper-disc-40,
+    /// stiff-contact, high-contrast, general-32, single-frame.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    #[arg(conflicts_with_all = ["quality", "touches", "denoise"])]
+    pub scenes: Vec<String>,
+    /// Also run NumPy, SciPy and, where installed, CHOLMOD and pyEIT on the same problems, with this
+    /// Python.
+    #[arg(long, value_name = "PYTHON", conflicts_with_all = ["quality", "touches", "denoise"])]
+    pub peers: Option<PathBuf>,
+    /// U-nets to compare: "default", or a file of `eit train`; more than once for more.
+    #[arg(long, value_name = "W", default_value = "default")]
     pub weights: Vec<String>,
     /// Method of the raw images for --denoise [default: st-tv].
     #[arg(long, requires = "denoise", value_name = "METHOD")]

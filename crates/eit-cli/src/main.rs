@@ -17,6 +17,8 @@ mod error;
 mod frames;
 mod html;
 mod interrupt;
+mod machine;
+mod measured;
 mod method;
 mod output;
 mod picture;

@@ -92,7 +92,11 @@ pub(crate) fn choose(
         return taken(Method::parse("--method", name)?, "asked for");
     }
     if let Some(name) = &keys.method {
-        return taken(Method::parse("reconstruction.method", name)?, "stated in the scene");
+        let why = match keys.frame_time_s {
+            None => "stated in the scene",
+            Some(_) => "the least error within frame_time_s, as far as the scene leaves it open",
+        };
+        return taken(Method::parse("reconstruction.method", name)?, why);
     }
     let noise = scene.noise.additive_v.is_some() || scene.noise.quiet_frames.is_some();
     let total_variation = keys.keys_of_tv().chain(keys.bounds()).next().is_some();

@@ -6,6 +6,7 @@ pub(crate) mod imaging;
 pub(crate) mod noise;
 mod part;
 pub(crate) mod sequence;
+pub(crate) mod series;
 pub(crate) mod touches;
 pub(crate) mod tv;
 

@@ -21,6 +21,8 @@ pub(crate) struct StageTime {
 pub(crate) struct Progress {
     times: Vec<StageTime>,
     silent: bool,
+    /// What the stages are part of; may be empty.
+    group: String,
     bars: MultiProgress,
 }
 
@@ -32,7 +34,12 @@ impl Progress {
 
     /// For work at the same time: its bars stand below those of this one.
     pub fn beside(&self) -> Self {
-        Self { times: Vec::new(), silent: self.silent, bars: self.bars.clone() }
+        Self { silent: self.silent, bars: self.bars.clone(), ..Self::default() }
+    }
+
+    /// Names what the next stages are part of.
+    pub fn group(&mut self, name: String) {
+        self.group = name;
     }
 
     /// Runs a stage without inner steps.
@@ -61,7 +68,10 @@ impl Progress {
         if let Ok(style) = ProgressStyle::with_template(template(steps, columns)) {
             bar.set_style(style);
         }
-        bar.set_message(stage);
+        match self.group.as_str() {
+            "" => bar.set_message(stage),
+            group => bar.set_message(format!("{group}: {stage}")),
+        }
         if !self.silent {
             bar.enable_steady_tick(Duration::from_millis(100));
         }

@@ -336,3 +336,34 @@ proptest! {
         }
     }
 }
+
+/// Orthogonal, balanced, L - 1 of them: they span every current that electrodes can carry.
+#[test]
+fn trigonometric_currents_span_all_currents() {
+    for electrodes in [2, 3, 16, 31, 32] {
+        let found = Protocol::trigonometric(electrodes, &PairPattern::Adjacent, 2e-3).unwrap();
+        let currents = found.stimulations_a();
+        assert_eq!(currents.dim(), (electrodes - 1, electrodes));
+        assert_eq!(found.measurements(), (electrodes - 1) * electrodes);
+        assert!(found.quadruples().is_none());
+        let products = currents.dot(&currents.t());
+        for ((i, j), product) in products.indexed_iter() {
+            // a pattern's energy is L/2 I^2, or L I^2 for the alternating one; rounding of L terms
+            let energy = 4e-6 * electrodes as f64;
+            assert!(if i == j { *product > 0.4 * energy } else { product.abs() < 1e-13 * energy });
+        }
+        assert!(currents.sum_axis(ndarray::Axis(1)).iter().all(|sum| sum.abs() < 1e-17));
+        let peak = currents.iter().fold(0.0_f64, |m, i| m.max(i.abs()));
+        // balancing may take a rounding error from each entry
+        assert!((peak - 2e-3).abs() < 1e-15, "{peak}");
+    }
+    let bad = |electrodes, measure: &PairPattern, current_a| {
+        Protocol::trigonometric(electrodes, measure, current_a).unwrap_err()
+    };
+    let adjacent = PairPattern::Adjacent;
+    assert!(matches!(bad(1, &adjacent, 1.0), FemError::TooFewElectrodes { electrodes: 1, .. }));
+    assert!(matches!(bad(0, &PairPattern::Pairs(vec![]), 1.0), FemError::EmptyProtocol));
+    assert!(matches!(bad(16, &adjacent, f64::NAN), FemError::BadCurrent { .. }));
+    let far = PairPattern::Pairs(vec![[0, 16]]);
+    assert!(matches!(bad(16, &far, 1.0), FemError::UnknownElectrode { electrode: 16, .. }));
+}

@@ -1,26 +1,29 @@
 //! `eit plan`: what a scene needs, what is left out and why.
 
+pub(crate) mod expected;
 pub(super) mod left_out;
 mod method_words;
 mod net;
-mod sequence;
-mod stages;
+pub(crate) mod sequence;
+pub(crate) mod stages;
 
 use super::Answer;
 use crate::cli::PlanArgs;
 use crate::error::CliError;
+use crate::machine::Machine;
+use crate::measured;
 use crate::method::{self, MethodChoice};
-use crate::pipeline::{self, Setup};
+use crate::pipeline::{self, Setup, series};
 use crate::progress::Progress;
-use crate::scene::{OneOrMany, Scene, Shape};
-use eit_fem::analytic::DiscSeries;
-use eit_mesh::Placement;
-pub(super) use sequence::Sequence;
+use crate::scene::Scene;
+use expected::Expected;
+use sequence::Sequence;
 use serde_json::{Value, json};
 use stages::Stage;
 
-/// The mesh-free series costs `electrodes^2` sums of Bessel products: 0.1 s for 16, 0.5 s for 32.
-const MOST_SERIES_ELECTRODES: usize = 32;
+/// Degree of the mesh-free series: the two digits printed do not change from degree 8 to 24 on the
+/// paper-disc.
+const PLAN_DEGREE: usize = 12;
 
 /// Builds what sizes need (mesh and symbolic factorisation), predicts the rest.
 pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
@@ -33,16 +36,25 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     method::choose(&scene, args.method.as_deref(), None)?;
     let mut progress = Progress::default();
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
+    // an instrument alone is watched as it measures
+    let scene_is_live = scene.instrument.is_some() && scene.recording.file.is_none();
     let mut recording = sequence::read(&scene, &setup, &mut progress);
     let frames = recording.as_ref().map(|frames| frames.values.nrows());
+    let voltages = progress.stage("voltages", || untouched(&scene, &setup))?;
+    let scene = measured::in_time(scene, &setup, (frames, scene_is_live), &voltages)?;
     let choice = method::choose(&scene, args.method.as_deref(), frames)?;
     let sequence = Sequence::of(&scene, &setup, choice.method, recording.as_mut(), &mut progress);
-    let mut stages = stages::of(&scene, &setup, choice.method, sequence);
+    let machine = progress.stage("this machine", || Ok::<_, CliError>(Machine::measure()))?;
+    let images = (choice.method, frames);
+    let expected = Expected::of(&scene, &setup, images, &voltages, &machine)?;
+    let planned = (choice.method, sequence);
+    let mut stages = stages::of(&scene, &setup, planned, (&machine, expected.row.as_ref()));
     let of_net = (setup.protocol.measurements(), stages::skin_share(&setup));
     stages.extend(net::of(&scene, crate::denoise::of_scene(&scene)?.as_ref(), of_net));
     let left_out = left_out::of(&scene, &setup, choice.method, sequence);
     let words = method_words::of(&scene, choice.method, sequence);
-    let voltage_error = progress.stage("mesh-free comparison", || voltage_error(&scene, &setup))?;
+    let voltage_error =
+        progress.stage("mesh-free comparison", || voltage_error(&scene, &setup, &voltages))?;
     let json = json!({
         "scene": scene.name,
         "method": choice.method.name(),
@@ -54,9 +66,12 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
         "left_out": left_out.iter().map(|(what, why)| json!({"what": what, "why": why}))
             .collect::<Vec<_>>(),
         "expected_voltage_error": voltage_error,
+        "expected_images": expected.json(),
+        "machine": machine,
         "built": progress.times(),
     });
-    let text = text(&scene.name, &choice, (&stages, &left_out, &words), voltage_error);
+    let parts = (&stages[..], &left_out, &words[..]);
+    let text = text(&scene.name, &choice, parts, (voltage_error, &expected, &machine));
     Ok(Answer { text, json })
 }
 
@@ -67,7 +82,7 @@ fn text(
     name: &str,
     choice: &MethodChoice,
     (stages, left_out, words): (&[Stage], &LeftOut, &[String]),
-    voltage_error: Option<f64>,
+    (voltage_error, expected, machine): (Option<f64>, &Expected, &Machine),
 ) -> String {
     let mut lines = vec![
         format!("method {}: {}", choice.method.name(), choice.why),
@@ -84,6 +99,7 @@ fn text(
         ));
         lines.push(format!("  {:<22} {}", "", s.why));
     }
+    lines.push(format!("times on this machine: {}", machine.words()));
     lines.push(match voltage_error {
         Some(error) => format!(
             "expected error of the voltages on this mesh: {error:.1e} of the largest (homogeneous \
@@ -95,6 +111,7 @@ fn text(
                 .to_owned()
         }
     });
+    lines.extend(expected.words());
     if !words.is_empty() {
         lines.push("how the method works on this scene".to_owned());
         lines.extend(words.iter().map(|line| format!("  {line}")));
@@ -104,50 +121,18 @@ fn text(
     lines.join("\n")
 }
 
-/// Error of this mesh on the homogeneous disc, relative to the largest voltage.
-fn voltage_error(scene: &Scene, setup: &Setup) -> Result<Option<f64>, CliError> {
-    if scene.skin.shape == Shape::Mesh || setup.protocol.electrodes() > MOST_SERIES_ELECTRODES {
-        return Ok(None);
-    }
-    let electrodes = scene.rim_electrodes()?;
-    let (Some(radius_m), Placement::EquallySpaced { count, first_angle_deg, direction }) =
-        (scene.skin.radius_m.filter(|_| scene.skin.shape == Shape::Disc), &electrodes.placement)
-    else {
-        return Ok(None);
-    };
-    let Some(OneOrMany::One(contact_impedance_ohm_m)) = scene.electrodes.contact_impedance_ohm_m
-    else {
-        return Ok(None);
-    };
-    let turn = match direction {
-        eit_mesh::Direction::Counterclockwise => 1.0,
-        eit_mesh::Direction::Clockwise => -1.0,
-    };
-    let step = turn * std::f64::consts::TAU / *count as f64;
-    let series = DiscSeries {
-        radius_m,
-        conductivity_s: scene.skin.conductivity_s,
-        electrode_angles_rad: (0..*count)
-            .map(|l| first_angle_deg.to_radians() + step * l as f64)
-            .collect(),
-        electrode_width_m: electrodes.width_m,
-        contact_impedance_ohm_m,
-        // the two digits printed do not change from degree 8 to 24 on the paper-disc
-        degree: 12,
-        harmonics: 2000,
-    };
-    let exact = series.electrode_potentials(setup.protocol.stimulations_a())?;
+/// Voltages of the untouched skin on this mesh.
+fn untouched(scene: &Scene, setup: &Setup) -> Result<Vec<f64>, CliError> {
     let background = vec![scene.skin.conductivity_s; setup.model.elements()];
     let mut workspace = setup.model.workspace()?;
-    let found = setup.model.solve(&background, &mut workspace)?.measurements();
-    let patterns = setup.protocol.measurement_patterns();
-    let exact = setup
-        .protocol
-        .data()
-        .iter()
-        .map(|&[s, m]| exact.row(s as usize).dot(&patterns.row(m as usize)));
+    Ok(setup.model.solve(&background, &mut workspace)?.measurements().to_vec())
+}
+
+/// Error of this mesh on the homogeneous disc, relative to the largest voltage.
+fn voltage_error(scene: &Scene, setup: &Setup, found: &[f64]) -> Result<Option<f64>, CliError> {
+    let Some(exact) = series::disc_voltages(scene, setup, PLAN_DEGREE)? else { return Ok(None) };
     let (mut largest, mut error) = (0.0_f64, 0.0_f64);
-    for (exact, found) in exact.zip(&found) {
+    for (exact, found) in exact.iter().zip(found) {
         largest = largest.max(exact.abs());
         error = error.max((exact - found).abs());
     }

@@ -12,6 +12,7 @@ use crate::denoise;
 use crate::draw;
 use crate::error::CliError;
 use crate::frames::{self, Frames, ModelFit};
+use crate::measured;
 use crate::method::{self, Method};
 use crate::output::{OutFolder, io, write_npy};
 use crate::picture::{Canvas, FrameLabels, PictureSettings, SkinDrawing, draw_sheet, write_gif};
@@ -66,10 +67,12 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let mut frames = progress.stage("read frames", || {
         frames::load(&scene, &setup.protocol, &args.frames, reference.as_ref())
     })?;
-    let choice = method::choose(&scene, args.method.as_deref(), Some(frames.values.nrows()))?;
     let linearised = pipeline::linearise(&scene, &setup, &mut progress)?;
-    let kind = scene.difference_kind(&setup.protocol);
     let model_voltages = linearised.voltages.to_vec();
+    let count = Some(frames.values.nrows());
+    let scene = measured::in_time(scene, &setup, (count, false), &model_voltages)?;
+    let choice = method::choose(&scene, args.method.as_deref(), count)?;
+    let kind = scene.difference_kind(&setup.protocol);
     let fit = frames.fit_model(&model_voltages, kind, scene.skin.conductivity_s)?;
     let method = choice.method;
     let (linearised, setup) = (&linearised, &setup);

@@ -9,6 +9,9 @@ mod scores;
 mod table;
 mod touches;
 
+#[cfg(test)]
+pub(crate) use race::case::CASES;
+
 use super::Answer;
 use crate::cli::ReportArgs;
 use crate::error::CliError;
@@ -16,10 +19,27 @@ use crate::output::OutFolder;
 use crate::progress::Progress;
 
 /// Files of the parts: each run removes those of the others that it does not make.
-const FILES: [&str; 20] = [
-    "error_bell.png",
-    "error_pad.png",
-    "gap.png",
+const FILES: [&str; 36] = [
+    "report.html",
+    "forward.png",
+    "inverse.csv",
+    "forward.csv",
+    "plan.csv",
+    "error_paper_disc_60.png",
+    "error_paper_disc_40.png",
+    "error_paper_fabric.png",
+    "images_paper_fabric.png",
+    "error_stiff_contact.png",
+    "error_high_contrast.png",
+    "error_general_32.png",
+    "error_single_frame.png",
+    "images_paper_disc_60.png",
+    "images_paper_disc_40.png",
+    "images_stiff_contact.png",
+    "images_high_contrast.png",
+    "images_general_32.png",
+    "images_single_frame.png",
+    // of an earlier version
     "images.png",
     "report.md",
     "report.json",
@@ -50,7 +70,7 @@ pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {
     } else if !args.touches.is_empty() {
         touches::run((&args.touches, args.quick), &mut out, &mut progress)?
     } else {
-        race::run(args.quick, &mut out, &mut progress)?
+        race::run(args, &mut out, &mut progress)?
     };
     out.commit(&FILES)?;
     Ok(answer)

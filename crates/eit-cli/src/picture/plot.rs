@@ -106,8 +106,9 @@ pub(crate) fn draw_plot(plot: &Plot) -> Result<Canvas, PictureError> {
         })
     };
     let mut legend_at = [left + AREA[0] + 14.0, top + 8.0];
-    let colors = COLORS.into_iter().cycle();
-    for ((series, name), color) in plot.series.iter().zip(&names).zip(colors) {
+    // the colours come again, with hollow marks
+    let styles = (0..).map(|k: usize| (COLORS[k % COLORS.len()], k / COLORS.len() % 2 == 1));
+    for ((series, name), (color, hollow)) in plot.series.iter().zip(&names).zip(styles) {
         let points: Vec<_> = series.points.iter().map(place).collect();
         if series.line {
             for run in points.split(Option::is_none) {
@@ -115,7 +116,9 @@ pub(crate) fn draw_plot(plot: &Plot) -> Result<Canvas, PictureError> {
             }
         }
         if series.markers {
-            points.iter().flatten().for_each(|point| draw_marker(&mut canvas, *point, color));
+            for point in points.iter().flatten() {
+                draw_marker(&mut canvas, *point, color, hollow);
+            }
         }
         if !name.is_empty() {
             let [x, y] = legend_at;
@@ -123,7 +126,7 @@ pub(crate) fn draw_plot(plot: &Plot) -> Result<Canvas, PictureError> {
                 draw_line(&mut canvas, &[[x, y], [x + 20.0, y]], color);
             }
             if series.markers {
-                draw_marker(&mut canvas, [x + 10.0, y], color);
+                draw_marker(&mut canvas, [x + 10.0, y], color, hollow);
             }
             canvas.text(name, LABEL_EM, [x + 28.0, y], Align::Left, INK);
             legend_at[1] += LINE_HEIGHT;
@@ -155,10 +158,13 @@ fn draw_line(canvas: &mut Canvas, points: &[[f64; 2]], color: Rgb) {
     canvas.stroke(points, 1.6, color, 1.0);
 }
 
-/// A dot with a white rim, so that neighbours stay apart.
-fn draw_marker(canvas: &mut Canvas, point: [f64; 2], color: Rgb) {
+/// A dot with a white rim, so that neighbours stay apart; or a ring.
+fn draw_marker(canvas: &mut Canvas, point: [f64; 2], color: Rgb, hollow: bool) {
     canvas.stroke(&[point], 7.5, WHITE, 1.0);
     canvas.stroke(&[point], 6.0, color, 1.0);
+    if hollow {
+        canvas.stroke(&[point], 3.0, WHITE, 1.0);
+    }
 }
 
 /// One axis: its range and what is written along it.

@@ -9,6 +9,9 @@ use std::path::Path;
 /// Drive current where the scene states none, ampere.
 pub(super) const DEFAULT_CURRENT_A: f64 = 1e-4;
 
+/// `protocol.drive` of currents on all electrodes at once.
+const TRIGONOMETRIC: &str = "trigonometric";
+
 /// How a scene's mesh comes about.
 pub(crate) enum SceneMesh {
     /// Generated from a shape.
@@ -140,6 +143,15 @@ impl Scene {
             Protocol::from_quadruples(electrodes, &quadruples, current_a)
         } else if let Some(file) = &keys.stimulation_file {
             return self.pattern_protocol(file, electrodes, current_a);
+        } else if keys.drive.as_deref() == Some(TRIGONOMETRIC) {
+            if keys.driven_electrodes == Driven::Drop {
+                return Err(self.error(format!(
+                    "protocol.drive = \"{TRIGONOMETRIC}\" drives every electrode: set \
+                     protocol.driven_electrodes = \"keep\""
+                )));
+            }
+            let measure = self.pattern("protocol.measure", keys.measure.as_deref())?;
+            Protocol::trigonometric(electrodes, &measure, current_a)
         } else {
             self.pair_protocol(electrodes)?.protocol()
         };
@@ -177,7 +189,7 @@ impl Scene {
                 Some(Ok(between)) => Ok(PairPattern::Skip(between)),
                 _ => Err(self.error(format!(
                     "{key} = \"{other}\" is none of \"adjacent\", \"opposite\", \"skip-N\" \
-                     (N electrodes between)"
+                     (N electrodes between), \"trigonometric\" (protocol.drive only)"
                 ))),
             },
         }

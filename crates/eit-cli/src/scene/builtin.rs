@@ -1,12 +1,17 @@
 //! Scenes that come with the program.
 
 /// Names of the built-in scenes.
-pub(crate) const NAMES: [&str; 1] = ["paper-disc"];
+pub(crate) const NAMES: [&str; 5] =
+    ["paper-disc", "stiff-contact", "high-contrast", "general-32", "single-frame"];
 
 /// The text of a built-in scene.
 pub(super) fn text(name: &str) -> Option<&'static str> {
     match name {
         "paper-disc" => Some(PAPER_DISC),
+        "stiff-contact" => Some(STIFF_CONTACT),
+        "high-contrast" => Some(HIGH_CONTRAST),
+        "general-32" => Some(GENERAL_32),
+        "single-frame" => Some(SINGLE_FRAME),
         _ => None,
     }
 }
@@ -31,4 +36,89 @@ measure = "adjacent"
 driven_electrodes = "drop"
 order = "rotated"
 current_a = 1e-4
+"#;
+
+/// Contact impedances over nine decades: soldered beside barely touching.
+const STIFF_CONTACT: &str = r#"# The paper's skin with contacts from soldered (1 ohm mm) to barely touching (1 Mohm m).
+[skin]
+shape = "disc"
+radius_m = 0.1
+conductivity_s = 1e-5
+
+[electrodes]
+count = 16
+width_m = 0.0196
+first_angle_deg = 90.0
+contact_impedance_ohm_m = [1e-3, 1e6, 1e3, 1e-3, 1e6, 1e3, 1e-3, 1e6,
+                           1e3, 1e-3, 1e6, 1e3, 1e-3, 1e6, 1e3, 1e-3]
+
+[protocol]
+drive = "adjacent"
+measure = "adjacent"
+current_a = 1e-4
+"#;
+
+/// A fabric whose conductivity rises twentyfold under a finger.
+const HIGH_CONTRAST: &str = r#"# A fabric whose conductivity rises by up to twenty times under a finger: far from linear.
+[skin]
+shape = "disc"
+radius_m = 0.1
+conductivity_s = 1e-5
+
+[electrodes]
+count = 16
+width_m = 0.0196
+first_angle_deg = 90.0
+contact_impedance_ohm_m = 1e3
+
+[protocol]
+drive = "adjacent"
+measure = "adjacent"
+current_a = 1e-4
+
+[reconstruction]
+lower_s = 0.0                 # pressing only raises it
+upper_s = 2e-4
+"#;
+
+/// Currents on all of 32 electrodes at once.
+const GENERAL_32: &str = r#"# 32 electrodes, 31 trigonometric current patterns on all of them at once, 992 values a frame.
+[skin]
+shape = "disc"
+radius_m = 0.1
+conductivity_s = 1e-5
+
+[electrodes]
+count = 32
+width_m = 0.01
+first_angle_deg = 90.0
+contact_impedance_ohm_m = 1e3
+
+[protocol]
+drive = "trigonometric"
+measure = "adjacent"
+driven_electrodes = "keep"    # every electrode carries current
+current_a = 1e-4
+"#;
+
+/// A still picture: nothing in time.
+const SINGLE_FRAME: &str = r#"# One frame of a skin at rest: nothing to couple in time, no stream, no instrument.
+[skin]
+shape = "disc"
+radius_m = 0.1
+conductivity_s = 1e-5
+
+[electrodes]
+count = 16
+width_m = 0.0196
+first_angle_deg = 90.0
+contact_impedance_ohm_m = 1e3
+
+[protocol]
+drive = "opposite"
+measure = "adjacent"
+current_a = 1e-4
+
+[reconstruction]
+method = "tv"
 "#;

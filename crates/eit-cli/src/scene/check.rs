@@ -35,6 +35,7 @@ impl Scene {
             ("reconstruction.lambda_space", image.lambda_space),
             ("reconstruction.target_gap", image.target_gap),
             ("reconstruction.deadline_s", image.deadline_s),
+            ("reconstruction.frame_time_s", image.frame_time_s),
             ("recording.frame_rate_hz", self.recording.frame_rate_hz),
             ("protocol.current_a", self.protocol.current_a),
         ];

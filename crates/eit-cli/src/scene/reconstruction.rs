@@ -8,6 +8,8 @@ use serde::Deserialize;
 pub(crate) struct Reconstruction {
     pub method: Option<String>,
     pub pixels: Option<usize>,
+    /// Time that an image may take, seconds: what is not stated is chosen for it.
+    pub frame_time_s: Option<f64>,
     pub prior: Option<PriorKind>,
     pub correlation_length_m: Option<f64>,
     pub hyperparameter: Option<Hyperparameter>,

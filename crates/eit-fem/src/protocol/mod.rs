@@ -103,6 +103,57 @@ impl Protocol {
         })
     }
 
+    /// Trigonometric currents on all electrodes at once, and the voltages of the measured pairs
+    /// under each of them.
+    ///
+    /// `L - 1` patterns for `L` electrodes, with `theta_l = 2 pi l / L`:
+    ///
+    /// ```text
+    /// I_l = current_a cos(k theta_l)   k = 1 ..= L / 2
+    /// I_l = current_a sin(k theta_l)   k = 1 ..= (L - 1) / 2
+    /// ```
+    ///
+    /// cosines first, measured pairs fastest. They span every current there is, and no pair of
+    /// electrodes carries more than the others: on a disc they tell conductivities apart best
+    /// (D. Isaacson, "Distinguishability of conductivities by electric current computed tomography",
+    /// IEEE Trans. Med. Imaging 5, 1986). Every electrode is driven, so contact impedances are part
+    /// of every value.
+    ///
+    /// # Errors
+    /// Fewer than 2 electrodes or more than 4096, a bad current, a bad pair.
+    pub fn trigonometric(
+        electrodes: usize,
+        measure: &PairPattern,
+        current_a: f64,
+    ) -> Result<Self, FemError> {
+        check_electrodes(electrodes)?;
+        if !(current_a.is_finite() && current_a > 0.0) {
+            return Err(FemError::BadCurrent { current_a });
+        }
+        let pairs = measure.pairs("measured pair", electrodes)?;
+        if pairs.is_empty() {
+            return Err(FemError::EmptyProtocol);
+        }
+        let angle = |k: usize, l: usize| {
+            // exact multiples: the values of a pattern then cancel to rounding
+            std::f64::consts::TAU * ((k * l) % electrodes) as f64 / electrodes as f64
+        };
+        let cosines = electrodes / 2;
+        let stimulations = Array2::from_shape_fn((electrodes, electrodes - 1), |(l, s)| {
+            current_a
+                * match s.checked_sub(cosines) {
+                    None => angle(s + 1, l).cos(),
+                    Some(s) => angle(s + 1, l).sin(),
+                }
+        });
+        let senses = Array2::from_shape_fn((electrodes, pairs.len()), |(l, m)| match pairs[m] {
+            [first, _] if first as usize == l => 1.0,
+            [_, second] if second as usize == l => -1.0,
+            _ => 0.0,
+        });
+        Self::from_patterns(stimulations.view(), senses.view())
+    }
+
     /// Number of electrodes.
     pub fn electrodes(&self) -> usize {
         self.stimulations_a.ncols()

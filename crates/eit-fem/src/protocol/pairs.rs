@@ -110,7 +110,11 @@ impl PairProtocol {
 }
 
 impl PairPattern {
-    fn pairs(&self, what: &'static str, electrodes: usize) -> Result<Vec<[u32; 2]>, FemError> {
+    pub(super) fn pairs(
+        &self,
+        what: &'static str,
+        electrodes: usize,
+    ) -> Result<Vec<[u32; 2]>, FemError> {
         let step = match self {
             Self::Adjacent => 1,
             Self::Skip(between) => between.saturating_add(1),

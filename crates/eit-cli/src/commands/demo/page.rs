@@ -3,7 +3,7 @@
 use super::folder::DemoFolder;
 use super::judge::Judged;
 use super::pictures::{self, File, Shown};
-use crate::commands::plan::{Sequence, left_out};
+use crate::commands::plan::{left_out, sequence::Sequence};
 use crate::html::{Block, Page, Section};
 use crate::method::Method;
 use crate::watch::Model;

@@ -8,7 +8,7 @@ use crate::scene::Scene;
 
 /// Frames that a plan is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::commands) enum Sequence {
+pub(crate) enum Sequence {
     /// No recording that can be read.
     Unknown,
     /// So many.

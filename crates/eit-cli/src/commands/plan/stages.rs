@@ -1,6 +1,8 @@
 //! Stages of a plan: sizes, work, expected time.
 
 use super::sequence::Sequence;
+use crate::machine::Machine;
+use crate::measured::Measured;
 use crate::method::Method;
 use crate::pipeline::tv::DEFAULT_TARGET_GAP;
 use crate::pipeline::{DEFAULT_NOISE_FIGURE, DEFAULT_PIXELS, Setup};
@@ -11,27 +13,28 @@ use eit_mesh::Quality;
 /// `docs/PERFORMANCE.md` with 16 electrodes at 2 000 and 20 000 nodes: sparse factorisation with
 /// its overhead per element, backward sweeps, priors per entry of the Jacobian, dense products and
 /// factorisations, stores to memory, reads from cache. Elsewhere they are a guide, not a promise.
+const FITTED_FLOPS_PER_S: f64 = 4e10;
 const FACTOR_FLOPS_PER_S: f64 = 8e9;
 const ELEMENT_S: f64 = 1.5e-7;
-const SWEEP_FLOPS_PER_S: f64 = 4e9;
+const SWEEP_FLOPS_PER_S: f64 = 6e9;
 const PRIOR_ENTRY_S: f64 = 5e-8;
 const PRODUCT_FLOPS_PER_S: f64 = 2e10;
 const DECOMPOSITION_FLOPS_PER_S: f64 = 1e10;
-const STORE_BYTES_PER_S: f64 = 6e9;
-const READ_BYTES_PER_S: f64 = 1.5e10;
+const STORE_BYTES_PER_S: f64 = 8e9;
+const READ_BYTES_PER_S: f64 = 4.5e10;
 /// Meshing, seconds a node.
-const NODE_S: f64 = 1e-5;
+const NODE_S: f64 = 5.5e-6;
 /// Total variation, effective: an iteration of 64 x 64 pixels and 20 frames in single precision.
-const TV_FLOPS_PER_S: f64 = 2e10;
-/// Iterations of total variation to a gap of 1e-2 at 64 pixels; twice as many for each factor of
-/// ten, and in proportion to the pixels of a side.
+const TV_FLOPS_PER_S: f64 = 5e10;
+/// Frames that its kernels take together.
+const TV_LANES: usize = 8;
+/// Iterations of total variation where none were measured.
 const TV_ITERATIONS: f64 = 260.0;
 /// Passes over the values of a movie, single precision, in an iteration.
 const TV_PASSES: f64 = 14.0;
-/// Trial solves that choose the weights, their frames, and their part of a full solve's iterations.
+/// Trial solves that choose the weights, and their frames.
 const TV_TRIALS: f64 = 10.0;
 const TV_TRIAL_FRAMES: usize = 12;
-const TV_TRIAL_SHARE: f64 = 0.5;
 /// Steps of the absolute method, a frame.
 const ABSOLUTE_STEPS: f64 = 2.0;
 
@@ -39,7 +42,7 @@ const ABSOLUTE_STEPS: f64 = 2.0;
 pub(super) const ASSUMED_FRAMES: usize = 20;
 
 /// One stage of the plan.
-pub(super) struct Stage {
+pub(crate) struct Stage {
     pub name: &'static str,
     pub size: String,
     pub flops: f64,
@@ -59,15 +62,25 @@ struct Sizes<'a> {
     skin_pixels: f64,
     /// Independent measurements at most.
     rank: f64,
+    /// The method on the built-in scene most like this one.
+    measured: Option<&'a Measured>,
+    machine: &'a Machine,
 }
 
 /// The stages of a method, in the order of the work.
-pub(super) fn of(scene: &Scene, setup: &Setup, method: Method, sequence: Sequence) -> Vec<Stage> {
+pub(crate) fn of(
+    scene: &Scene,
+    setup: &Setup,
+    (method, sequence): (Method, Sequence),
+    (machine, measured): (&Machine, Option<&Measured>),
+) -> Vec<Stage> {
     let cost = setup.model.cost();
     let (m, n) = (setup.protocol.measurements() as f64, setup.model.elements() as f64);
     let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
     let electrodes = setup.protocol.electrodes() as f64;
     let sizes = Sizes {
+        measured,
+        machine,
         scene,
         setup,
         measurements: m,
@@ -89,6 +102,8 @@ pub(super) fn of(scene: &Scene, setup: &Setup, method: Method, sequence: Sequenc
             stages.extend([sizes.matrix(), step]);
         }
     }
+    let slowness = FITTED_FLOPS_PER_S / machine.double_flops_per_s;
+    stages.iter_mut().for_each(|stage| stage.time_s *= slowness);
     stages
 }
 
@@ -217,14 +232,25 @@ impl Sizes<'_> {
     fn total_variation(&self, sequence: Sequence) -> Vec<Stage> {
         let (m, n, rank) = (self.measurements, self.skin_pixels, self.rank);
         let count = sequence.solved().unwrap_or(ASSUMED_FRAMES);
-        let iteration = |frames: usize| 4.0 * n * rank * frames as f64;
+        // the kernels work on eight frames at once
+        let iteration = |frames: usize| 4.0 * n * rank * frames.next_multiple_of(TV_LANES) as f64;
         let gap = self.scene.reconstruction.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
-        let decades = (DEFAULT_TARGET_GAP / gap).log10();
-        let iterations = TV_ITERATIONS * self.pixels as f64 / 64.0 * 2.0_f64.powf(decades);
-        let iterations = iterations.max(20.0).round();
+        let (iterations, whence) = match self.measured {
+            Some(row) => (row.iterations, format!("as on {}", row.scene)),
+            None => (TV_ITERATIONS, "a guess".to_owned()),
+        };
         let set_up = 2.0 * m * 4.0 * self.elements + 4.0 * m * m * n;
-        let trials =
-            TV_TRIALS * TV_TRIAL_SHARE * iterations * iteration(count.min(TV_TRIAL_FRAMES));
+        let trials = TV_TRIALS * iterations * iteration(count.min(TV_TRIAL_FRAMES));
+        let weights_s = match self.measured {
+            // in proportion to the frames that it looks at; other machines are counted in below
+            Some(row) if row.choice_s > 0.0 => {
+                let frames = |count: usize| count.min(TV_TRIAL_FRAMES).next_multiple_of(TV_LANES);
+                let part = frames(count) as f64 / frames(row.frames()) as f64;
+                row.choice_s * part * 1e9 * row.machine_gflops / FITTED_FLOPS_PER_S
+            }
+            _ => trials / TV_FLOPS_PER_S,
+        };
+        let slowness = FITTED_FLOPS_PER_S / self.machine.double_flops_per_s;
         let told = match sequence {
             Sequence::Unknown => format!("{count} frames assumed"),
             Sequence::Frames(1) => "one frame".to_owned(),
@@ -246,7 +272,7 @@ impl Sizes<'_> {
                 size: format!("about {TV_TRIALS} coarse solves"),
                 flops: trials,
                 bytes: 0.0,
-                time_s: trials / TV_FLOPS_PER_S,
+                time_s: weights_s,
                 why: format!("on the {TV_TRIAL_FRAMES} frames with the most signal at most"),
             });
         }
@@ -263,13 +289,13 @@ impl Sizes<'_> {
         });
         stages.push(Stage {
             name: "solve",
-            size: format!("about {iterations} iterations to gap {gap:e}"),
+            size: format!("about {iterations:.0} iterations to gap {gap:e}"),
             flops: iterations * iteration(count),
             bytes: iterations * TV_PASSES * 4.0 * n * count as f64,
             time_s: iterations * iteration(count) / TV_FLOPS_PER_S,
             why: format!(
-                "time at {:.0} Gflop/s effective, as measured on one core; iterations vary by two",
-                1e-9 * TV_FLOPS_PER_S
+                "iterations {whence}: they vary with touches and noise; {:.0} Gflop/s effective",
+                1e-9 * TV_FLOPS_PER_S / slowness
             ),
         });
         stages

@@ -13,7 +13,7 @@ use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView3};
 use std::time::Instant;
 
-/// The built-in skin, linearised, with its pixels.
+/// A built-in skin, linearised, with its pixels.
 pub(super) struct Bench {
     pub scene: Scene,
     pub setup: Setup,
@@ -26,7 +26,12 @@ pub(super) struct Bench {
 impl Bench {
     /// The paper's skin with so many pixels along its diameter.
     pub fn new(pixels: usize, progress: &mut Progress) -> Result<Self, CliError> {
-        let mut scene = Scene::load("paper-disc")?;
+        Self::of("paper-disc", pixels, progress)
+    }
+
+    /// A scene with so many pixels along its skin.
+    pub fn of(scene: &str, pixels: usize, progress: &mut Progress) -> Result<Self, CliError> {
+        let mut scene = Scene::load(scene)?;
         scene.reconstruction.pixels = Some(pixels);
         let setup = pipeline::setup(&scene, None, None, progress)?;
         let linearised = pipeline::linearise(&scene, &setup, progress)?;
@@ -65,7 +70,7 @@ impl Entrant {
     pub fn name(self) -> String {
         match self.lower_s {
             None => self.method.name().to_owned(),
-            Some(_) => format!("{}, never below 0", self.method.name()),
+            Some(_) => format!("{} ≥ 0", self.method.name()),
         }
     }
 }
@@ -91,6 +96,8 @@ pub(super) struct Entry<'a> {
     pub choice_s: f64,
     /// That choice in words.
     pub choice: String,
+    /// Independent directions of the data.
+    pub rank: usize,
 }
 
 enum Runner<'a> {
@@ -149,8 +156,9 @@ impl<'a> Entry<'a> {
         let length_m = tv::time_length_m(raster);
         let weights = tv::chosen_weights(&mut solver, &differences, length_m)?;
         let choice = format!("lambda_space {:.2e}, {}", weights.lambda_space, weights.rule);
-        let (runner, choice_s) = (Runner::Tv(Box::new(solver)), start.elapsed().as_secs_f64());
-        Ok(Self { bench, runner, set_up_s, choice_s, choice })
+        let (rank, choice_s) = (solver.rank(), start.elapsed().as_secs_f64());
+        let runner = Runner::Tv(Box::new(solver));
+        Ok(Self { bench, runner, set_up_s, choice_s, choice, rank })
     }
 
     fn sequence(
@@ -174,7 +182,8 @@ impl<'a> Entry<'a> {
         };
         let set_up_s = start.elapsed().as_secs_f64();
         let choice = format!("hyperparameter {hyperparameter:.2e}, {}", imaging.rule);
-        Ok(Self { bench, runner: Runner::Sequence(built), set_up_s, choice_s, choice })
+        let (rank, runner) = (imaging.difference.report().rank, Runner::Sequence(built));
+        Ok(Self { bench, runner, set_up_s, choice_s, choice, rank })
     }
 
     /// Reconstructs; `stop` counts for total variation. Movies are [frame, masked pixel], siemens.

@@ -1,266 +1,233 @@
-//! Error against run time: a simulated recording of soft and one of hard fingers, every method.
+//! Error against run time: every solver on every built-in scene, measured now and here.
 //!
-//! A direct method is one point. An iterated one is a curve: it is run again from cold with a later
-//! and later deadline, as a robot would run it, and each run is a point with its certificate.
+//! A scene is a skin, two slowly moving fingers (once soft, once with an edge) and noise, or the
+//! paper's experiments on the simulated fabric; simulated
+//! on a finer mesh, reconstructed on another. A direct method is one point, an iterated one a curve
+//! over the gap it is run to from cold. Beside each time stands the floor: the same work at this
+//! machine's best rates.
 
+mod best;
+pub(crate) mod case;
+mod fabric;
+mod floor;
+mod forward;
+mod inverse;
+mod merged;
+mod page;
+mod peers;
 mod plots;
+mod point;
+mod promise;
 
-use super::bench::{Bench, ENTRANTS, Entrant, Entry};
-use super::scores::{Scores, Truth};
-use super::{Answer, markdown};
+use super::Answer;
+use super::bench::Bench;
+use crate::cli::ReportArgs;
+use crate::denoise::Net;
 use crate::error::CliError;
-use crate::method::Method;
-use crate::output::{OutFolder, io};
+use crate::machine::Machine;
+use crate::output::OutFolder;
 use crate::progress::Progress;
-use crate::scene::Rule;
-use crate::simulate::{Finger, FingerShape, MovieSettings, SLOW_M, Simulated, simulate};
-use eit_inverse::{Differences, MovieReport, MovieStatus, Stop};
-use ndarray::{Array2, Axis};
-use serde_json::{Value, json};
-use std::time::Duration;
-
-/// Noise of the recording, decibel below the voltages.
-const NOISE_DB: f64 = 60.0;
-/// Fingers on the skin.
-const TOUCHES: usize = 2;
-/// First deadline and the factor from each to the next.
-const FIRST_DEADLINE_S: f64 = 1e-3;
-const LATER: f64 = 2.0;
-/// Runs of a direct method, of which the median time counts: they take milliseconds.
-const RUNS: usize = 5;
+use crate::scene::Scene;
+use crate::simulate::{FingerShape, Simulated, simulate};
+use case::{CASES, Case};
+use floor::Floors;
+use forward::ForwardCourse;
+use inverse::{Lane, Outcome};
+use merged::Row;
+use ndarray::Array2;
+use promise::Promise;
 
 /// Sizes of the race.
 struct Size {
     frames: usize,
-    pixels: usize,
+    /// Pixels along the skin, ascending; the last raster judges all.
+    pixels: &'static [usize],
     /// Frames of the absolute method, whose frames take longest by far.
     absolute_frames: usize,
-    /// Where the iterated methods end.
-    target_gap: f64,
-    last_deadline_s: f64,
+    /// Gaps that iterated methods run to, one after the other, each from cold.
+    gaps: &'static [f64],
+    /// A run ends then at the latest, and is the last of its curve.
+    deadline_s: f64,
+    /// Most runs of a setting; those that have taken so long together are not repeated.
+    runs: usize,
+    repeat_below_s: f64,
+    /// Runs of a direct method and of a stream.
+    direct_runs: usize,
+    stream_runs: usize,
+    /// Nodes of the forward problem's meshes, and runs on each.
+    nodes: &'static [usize],
+    forward_runs: usize,
 }
 
-const FULL: Size =
-    Size { frames: 20, pixels: 64, absolute_frames: 20, target_gap: 1e-4, last_deadline_s: 10.0 };
-const QUICK: Size =
-    Size { frames: 8, pixels: 32, absolute_frames: 2, target_gap: 1e-3, last_deadline_s: 2.0 };
+const FULL: Size = Size {
+    frames: 20,
+    pixels: &[16, 32, 64],
+    absolute_frames: 4,
+    gaps: &[3e-1, 1e-1, 1e-2, 1e-3],
+    deadline_s: 10.0,
+    runs: 5,
+    repeat_below_s: 1.0,
+    direct_runs: 15,
+    stream_runs: 3,
+    nodes: &[500, 1_000, 2_000, 4_000, 8_000, 16_000],
+    forward_runs: 9,
+};
+const QUICK: Size = Size {
+    frames: 6,
+    pixels: &[16, 32],
+    absolute_frames: 1,
+    gaps: &[1e-1, 1e-2],
+    deadline_s: 2.0,
+    runs: 2,
+    repeat_below_s: 0.1,
+    direct_runs: 3,
+    stream_runs: 1,
+    nodes: &[1_000, 2_000],
+    forward_runs: 3,
+};
 
-/// One run of a method.
-struct Point {
-    seconds: f64,
-    relative_error: f64,
-    gap: Option<f64>,
-    iterations: usize,
-    status: MovieStatus,
+/// A simulated recording and its truth.
+pub(super) struct Recording {
+    pub shape: &'static str,
+    pub simulated: Simulated,
+    /// Siemens, [frame, masked pixel] on the raster that judges.
+    pub truth: Array2<f64>,
 }
 
-/// A method's whole race.
-struct Course {
-    shape: &'static str,
-    name: String,
-    set_up_s: f64,
-    choice_s: f64,
-    choice: String,
-    frames: usize,
-    points: Vec<Point>,
-    scores: Scores,
-    /// [frame, masked pixel], of the last run.
-    movie: Array2<f64>,
+/// Everything about a scene.
+struct Findings {
+    pub case: Case,
+    pub rows: Vec<Row>,
+    /// Solver, shape, reason.
+    pub failures: Vec<(String, &'static str, String)>,
+    pub forward: ForwardCourse,
+    pub promises: Vec<Promise>,
+    /// Files of pictures and their bytes.
+    pub pictures: Vec<(&'static str, Vec<u8>)>,
+    /// Noise, meshes, pixels.
+    pub note: String,
 }
 
-/// Simulates, runs every method, draws.
+/// Simulates, runs every solver, draws, writes.
 pub(super) fn run(
-    quick: bool,
+    args: &ReportArgs,
     out: &mut OutFolder,
     progress: &mut Progress,
 ) -> Result<Answer, CliError> {
-    let size = if quick { QUICK } else { FULL };
-    let bench = Bench::new(size.pixels, progress)?;
-    let simulated = recordings(&bench, &size, progress)?;
-    let courses = progress.steps("methods", simulated.len() * ENTRANTS.len(), |bar| {
-        let mut courses = Vec::new();
-        for (shape, movie, truth) in &simulated {
-            for entrant in ENTRANTS {
-                bar.set_message(entrant.method.name());
-                courses.push(course(&bench, entrant, (shape, movie, truth), &size)?);
-                bar.inc(1);
-            }
-        }
-        Ok::<_, CliError>(courses)
-    })?;
-    let note = format!(
-        "paper-disc, {} frames of {TOUCHES} slow fingers, noise {NOISE_DB} dB, {} x {} pixels; \
-         simulated on {} nodes, reconstructed on {}; times without set-up",
-        size.frames,
-        size.pixels,
-        size.pixels,
-        simulated[0].1.nodes,
-        bench.setup.mesh.surface().nodes().len()
-    );
-    plots::draw(&bench, &courses, &simulated, (&note, &size), out)?;
-    let table = table(&courses);
-    let text = format!("# Error against run time\n\n{note}.\n\n{table}");
-    out.write("report.md", |w| w.write_all(text.as_bytes()).map_err(io))?;
-    let json = json!({
-        "scene": bench.scene.name,
-        "frames": size.frames,
-        "pixels": size.pixels,
-        "touches": TOUCHES,
-        "noise_db": NOISE_DB,
-        "simulation_nodes": simulated[0].1.nodes,
-        "reconstruction_nodes": bench.setup.mesh.surface().nodes().len(),
-        "methods": courses.iter().map(course_json).collect::<Vec<_>>(),
-        "stages": progress.times(),
-    });
-    out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
-    let text = format!(
-        "{note}\n\n{table}\nwritten to {}: {}",
-        out.path().display(),
-        out.names().join(", ")
-    );
-    Ok(Answer { text, json })
+    let size = if args.quick { QUICK } else { FULL };
+    let cases = chosen(&args.scenes)?;
+    args.peers.as_deref().map_or(Ok(()), peers::check)?;
+    let machine = progress.stage("this machine", || Ok::<_, CliError>(Machine::measure()))?;
+    let floors = Floors { machine };
+    let mut results = Vec::new();
+    for (number, case) in cases.iter().enumerate() {
+        progress.group(format!("{} ({} of {})", case.name, number + 1, cases.len()));
+        results.push(one(case, &size, (&floors, args), progress)?);
+    }
+    page::write(&results, (&size, &floors.machine, args.quick), out, progress)
 }
 
-/// A simulated recording, its name and its truth [frame, masked pixel].
-type Recording = (&'static str, Simulated, Array2<f64>);
+/// The scenes of the command line; all without.
+fn chosen(names: &[String]) -> Result<Vec<Case>, CliError> {
+    if names.is_empty() {
+        return Ok(CASES.to_vec());
+    }
+    let find = |name: &String| {
+        CASES.into_iter().find(|case| case.name == name).ok_or_else(|| {
+            let known: Vec<&str> = CASES.iter().map(|case| case.name).collect();
+            CliError::input(format!("--scenes {name}: the scenes are {}", known.join(", ")))
+        })
+    };
+    names.iter().map(find).collect()
+}
 
-/// Simulates a recording of each shape of fingers.
-fn recordings(
-    bench: &Bench,
+/// One scene.
+fn one(
+    case: &Case,
+    size: &Size,
+    (floors, args): (&Floors, &ReportArgs),
+    progress: &mut Progress,
+) -> Result<Findings, CliError> {
+    let scene = Scene::load(case.scene)?;
+    let count = size.nodes.len() as u64;
+    let forward = progress.steps("forward problem", count as usize, |bar| {
+        forward::course(&scene, (size, args.peers.as_deref()), floors, bar)
+    })?;
+    let mut silent = Progress::silent();
+    let benches: Vec<Bench> = size
+        .pixels
+        .iter()
+        .map(|&pixels| Bench::of(case.scene, pixels, &mut silent))
+        .collect::<Result<_, _>>()?;
+    let judge = &benches[benches.len() - 1];
+    // nets know the fabric: on other fingers they are judged by --denoise
+    let nets = if case.is_fabric { nets(&scene, judge, &args.weights)? } else { Vec::new() };
+    let (mut courses, mut failures, mut recordings) = (Vec::new(), Vec::new(), Vec::new());
+    for recording in recorded(case, judge, size, progress)? {
+        let peers = args.peers.as_deref();
+        let lane =
+            Lane { benches: &benches, recording: &recording, size, floors, nets: &nets, peers };
+        let Outcome { courses: found, failures: failed } =
+            progress.steps("solvers", lane.solvers(), |bar| Ok::<_, CliError>(lane.run(bar)))?;
+        failures.extend(failed.into_iter().map(|(solver, why)| (solver, recording.shape, why)));
+        courses.push(found);
+        recordings.push(recording);
+    }
+    let rows = merged::rows(case, &courses);
+    let promises = progress.stage("the plan", || promise::of(judge, &recordings[0], floors))?;
+    let touched = match case.is_fabric {
+        true => "of one finger and of two".to_owned(),
+        false => format!("of {} fingers, soft or hard, noise {} dB", case::FINGERS, case.noise_db),
+    };
+    let note = format!(
+        "{}: {}; {} frame{} {touched}; simulated on {} nodes, reconstructed on {}, judged on \
+         {pixels} x {pixels} pixels",
+        case.name,
+        case.what,
+        recordings[0].truth.nrows(),
+        if case.is_still { "" } else { "s" },
+        recordings[0].simulated.nodes,
+        judge.setup.mesh.surface().nodes().len(),
+        pixels = judge.raster.pixels(),
+    );
+    let pictures = plots::draw(case, (&rows, &note), judge, (&recordings, &courses))?;
+    Ok(Findings { case: *case, rows, failures, forward, promises, pictures, note })
+}
+
+/// The two recordings of a scene: soft and hard fingers, or one finger and two on the fabric.
+fn recorded(
+    case: &Case,
+    judge: &Bench,
     size: &Size,
     progress: &mut Progress,
 ) -> Result<Vec<Recording>, CliError> {
-    let mut simulated = Vec::new();
-    for (name, shape) in FingerShape::ALL {
-        let settings = MovieSettings {
-            touches: TOUCHES,
-            frames: size.frames,
-            step_m: SLOW_M,
-            finger: Finger { shape, ..Default::default() },
-            noise_db: NOISE_DB,
-            ..Default::default()
-        };
-        let movie = simulate(&bench.scene, &settings, &bench.raster, progress)?;
-        let truth = bench.pixels_of(movie.truth.view())?;
-        simulated.push((name, movie, truth));
+    if case.is_fabric {
+        return fabric::SCRIPTS
+            .into_iter()
+            .map(|script| fabric::recording(judge, script, size, progress))
+            .collect();
     }
-    Ok(simulated)
+    let of = |(shape, finger): (&'static str, FingerShape)| {
+        let settings = case.movie(finger, size.frames);
+        let simulated = simulate(&judge.scene, &settings, &judge.raster, progress)?;
+        let truth = judge.pixels_of(simulated.truth.view())?;
+        Ok(Recording { shape, simulated, truth })
+    };
+    FingerShape::ALL.into_iter().map(of).collect()
 }
 
-/// Sets a method up and runs it, once or with growing deadlines.
-fn course(
-    bench: &Bench,
-    entrant: Entrant,
-    (shape, simulated, truth): (&'static str, &Simulated, &Array2<f64>),
-    size: &Size,
-) -> Result<Course, CliError> {
-    let (method, noise_std_v) = (entrant.method, simulated.noise_std_v);
-    // of the rules, cross-validation alone sees the noise of the recording, as st-tv does
-    let mut entry = Entry::new(bench, (entrant, Rule::Gcv), &simulated.frames, noise_std_v)?;
-    let absolute = method == Method::GaussNewtonAbsolute;
-    let frames = if absolute { size.absolute_frames } else { size.frames };
-    let values = simulated.frames.differences(bench.kind());
-    let values = values.slice_axis(Axis(0), (..frames).into());
-    let differences = Differences::all_good(values);
-    let truth = Truth { pixels: truth, positions_m: &simulated.positions_m };
-    let mut points = Vec::new();
-    let mut point = |movie: &Array2<f64>, report: &MovieReport, seconds| {
-        let scores = Scores::new(bench, movie.view(), &truth)?;
-        points.push(Point {
-            seconds,
-            relative_error: scores.relative_error,
-            gap: report.certificate.map(|certificate| certificate.relative_gap()),
-            iterations: report.iterations,
-            status: report.status,
-        });
-        Ok::<_, CliError>(scores)
-    };
-    let (movie, scores) = if method.is_tv() {
-        let mut deadline_s = FIRST_DEADLINE_S;
-        loop {
-            let deadline = Some(Duration::from_secs_f64(deadline_s));
-            let stop = Stop { target_gap: size.target_gap, deadline, max_iterations: usize::MAX };
-            let (movie, report) = entry.run(&differences, &stop)?;
-            let scores = point(&movie, &report, report.seconds)?;
-            deadline_s *= LATER;
-            if report.status != MovieStatus::Deadline || deadline_s > size.last_deadline_s {
-                break (movie, scores);
+/// The nets among `names` that were trained for this skin and raster. That the default one is for
+/// another skin is no error; that one which was asked for is, is told by its absence.
+fn nets(scene: &Scene, judge: &Bench, names: &[String]) -> Result<Vec<(String, Net)>, CliError> {
+    let mut nets = Vec::new();
+    for name in names {
+        match Net::load(scene, name, judge.raster.pixels(), false) {
+            Ok(net) => nets.push((format!("U-net of {}", net.shape().parameters()), net)),
+            Err(error) if name != "default" && !std::path::Path::new(name).exists() => {
+                return Err(error);
             }
+            Err(_) => {}
         }
-    } else {
-        let stop = Stop::default();
-        let (movie, report) = entry.run(&differences, &stop)?;
-        let mut times = vec![report.seconds];
-        for _ in 1..if absolute { 1 } else { RUNS } {
-            times.push(entry.run(&differences, &stop)?.1.seconds);
-        }
-        times.sort_by(f64::total_cmp);
-        let scores = point(&movie, &report, times[times.len() / 2])?;
-        (movie, scores)
-    };
-    let Entry { set_up_s, choice_s, choice, .. } = entry;
-    let name = entrant.name();
-    Ok(Course { shape, name, set_up_s, choice_s, choice, frames, points, scores, movie })
-}
-
-fn table(courses: &[Course]) -> String {
-    let head = [
-        "finger",
-        "method",
-        "relative error",
-        "correlation",
-        "SSIM",
-        "position error, mm",
-        "ms a frame",
-        "certified gap",
-        "iterations",
-        "set-up, s",
-        "choice, s",
-        "chosen",
-    ];
-    let rows: Vec<Vec<String>> = courses
-        .iter()
-        .map(|course| {
-            let last = course.points.last();
-            let frames = course.frames as f64;
-            let of_last = |value: &dyn Fn(&Point) -> String| last.map_or_else(String::new, value);
-            vec![
-                course.shape.to_owned(),
-                course.name.clone(),
-                format!("{:.3}", course.scores.relative_error),
-                format!("{:.3}", course.scores.correlation),
-                format!("{:.3}", course.scores.similarity),
-                format!("{:.1}", 1e3 * course.scores.position_error_m),
-                of_last(&|p| format!("{:.2}", 1e3 * p.seconds / frames)),
-                of_last(&|p| p.gap.map_or_else(|| "-".to_owned(), |gap| format!("{gap:.1e}"))),
-                of_last(&|p| p.iterations.to_string()),
-                format!("{:.2}", course.set_up_s),
-                format!("{:.2}", course.choice_s),
-                course.choice.clone(),
-            ]
-        })
-        .collect();
-    markdown(&head, &rows)
-}
-
-fn course_json(course: &Course) -> Value {
-    let point = |p: &Point| {
-        json!({
-            "seconds": p.seconds,
-            "relative_error": p.relative_error,
-            "gap": p.gap,
-            "iterations": p.iterations,
-            "status": super::super::reconstruct::movie_status_words(p.status),
-        })
-    };
-    json!({
-        "finger": course.shape,
-        "method": course.name,
-        "frames": course.frames,
-        "set_up_s": course.set_up_s,
-        "choice_s": course.choice_s,
-        "choice": course.choice,
-        "scores": course.scores.json(),
-        "points": course.points.iter().map(point).collect::<Vec<_>>(),
-    })
+    }
+    Ok(nets)
 }

@@ -1,111 +1,153 @@
-//! Pictures of the race.
+//! Pictures of the race: error over time, and one frame by every solver.
 
 use super::super::bench::Bench;
-use super::{Course, Point, Recording, Size};
+use super::Recording;
+use super::case::Case;
+use super::forward::ForwardCourse;
+use super::merged::Row;
+use super::point::Course;
 use crate::draw;
 use crate::error::CliError;
-use crate::method::Method;
-use crate::output::OutFolder;
 use crate::picture::{Canvas, FrameLabels, PictureSettings, Plot, Series, draw_plot, draw_sheet};
 use ndarray::Axis;
 
-/// The plots, and one frame of each recording by every method.
+/// Solvers whose curve over the pixels is one line.
+const ONE_POINT: [&str; 4] =
+    ["gauss-newton", "gauss-newton, gcv", "st-tv stream", "st-tv ≥ 0 stream"];
+
+/// A peer whose settings are one curve.
+const PEER: &str = "NumPy primal-dual";
+
+/// Files of a scene's pictures and their bytes.
 pub(super) fn draw(
-    bench: &Bench,
-    courses: &[Course],
-    recordings: &[Recording],
-    (note, size): (&str, &Size),
-    out: &mut OutFolder,
-) -> Result<(), CliError> {
-    let of = |shape: &'static str| courses.iter().filter(move |c| c.shape == shape);
-    for (shape, file) in [("bell", "error_bell.png"), ("pad", "error_pad.png")] {
-        let error = error_plot(of(shape), (shape, note, size))?;
-        out.write(file, |w| Ok(error.write_png(w)?))?;
+    case: &Case,
+    (rows, note): (&[Row], &str),
+    judge: &Bench,
+    (recordings, courses): (&[Recording], &[Vec<Course>]),
+) -> Result<Vec<(&'static str, Vec<u8>)>, CliError> {
+    let mut pictures = Vec::new();
+    if rows.is_empty() {
+        return Ok(pictures);
     }
-    let gap = gap_plot(courses, note)?;
-    out.write("gap.png", |w| Ok(gap.write_png(w)?))?;
-    let images = images(bench, courses, recordings, (note, size))?;
-    out.write("images.png", |w| Ok(images.write_png(w)?))
-}
-
-/// One series a method: a curve, or a mark where there is one run.
-fn series<'a>(
-    courses: impl Iterator<Item = &'a Course>,
-    name: impl Fn(&Course) -> String,
-    y: impl Fn(&Point) -> Option<f64>,
-) -> Vec<Series> {
-    let one = |course: &Course| Series {
-        name: name(course),
-        points: course
-            .points
-            .iter()
-            .filter_map(|p| Some([p.seconds / course.frames as f64, y(p)?]))
-            .collect(),
-        line: course.points.len() > 1,
-        markers: true,
-    };
-    courses.map(one).collect()
-}
-
-fn error_plot<'a>(
-    courses: impl Iterator<Item = &'a Course>,
-    (shape, note, size): (&str, &str, &Size),
-) -> Result<Canvas, CliError> {
-    let fewer = if size.absolute_frames < size.frames {
-        let name = Method::GaussNewtonAbsolute.name();
-        format!("; {name} on {} frames", size.absolute_frames)
-    } else {
-        String::new()
-    };
-    Ok(draw_plot(&Plot {
-        title: format!("Error of the movie against run time: {shape} fingers"),
-        footnote: format!("{note}{fewer}"),
+    let [curves, images] = case.files;
+    let finest = judge.raster.pixels();
+    let plot = draw_plot(&Plot {
+        title: format!("Error of the movie against run time: {}", case.name),
+        footnote: format!(
+            "{note}. Error: root mean square over both recordings; 1: an empty image. Curves run \
+             over the gap, or over the pixels where the name says so"
+        ),
         x_label: "time per frame (s)".to_owned(),
         y_label: "relative error".to_owned(),
         x_log: true,
         y_log: true,
-        series: series(courses, |c| c.name.clone(), |p| Some(p.relative_error)),
+        series: series(rows, finest),
         zoom: 2,
-    })?)
+    })?;
+    pictures.push((curves, png(&plot)?));
+    pictures.push((images, png(&sheet(judge, recordings, courses, note)?)?));
+    Ok(pictures)
 }
 
-fn gap_plot(courses: &[Course], note: &str) -> Result<Canvas, CliError> {
-    let iterated = courses.iter().filter(|c| c.points.iter().any(|p| p.gap.is_some()));
+/// The bytes of a picture.
+pub(super) fn png(canvas: &Canvas) -> Result<Vec<u8>, CliError> {
+    let mut bytes = Vec::new();
+    canvas.write_png(&mut bytes)?;
+    Ok(bytes)
+}
+
+/// One curve for each solver: over the gap at the finest raster, and for what is known of the
+/// fabric at each; over the rasters where there is one point on each.
+fn series(rows: &[Row], finest: usize) -> Vec<Series> {
+    let mut solvers: Vec<(String, Vec<[f64; 2]>)> = Vec::new();
+    for row in rows {
+        let name = match row.solver.pixels {
+            _ if ONE_POINT.contains(&row.solver.name.as_str()) => {
+                format!("{}, 16 to {finest} px", row.solver.name)
+            }
+            None => row.solver.name.clone(),
+            _ if row.solver.name.starts_with(PEER) => PEER.to_owned(),
+            Some(pixels) if row.solver.name.starts_with("st-tv ≥") => {
+                format!("{}, {pixels} px", row.solver.name)
+            }
+            Some(pixels) if pixels == finest => row.solver.name.clone(),
+            Some(_) => continue,
+        };
+        let point = [row.time.median_s, row.error];
+        match solvers.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, points)) => points.push(point),
+            None => solvers.push((name, vec![point])),
+        }
+    }
+    let one = |(name, points): (String, Vec<[f64; 2]>)| Series {
+        name,
+        line: points.len() > 1,
+        points,
+        markers: true,
+    };
+    solvers.into_iter().map(one).collect()
+}
+
+/// Error of the voltages over time, one curve a scene.
+pub(super) fn forward(courses: &[(&str, &ForwardCourse)]) -> Result<Canvas, CliError> {
+    let mut series: Vec<Series> = Vec::new();
+    for (scene, course) in courses {
+        for point in &course.points {
+            let name = match point.solver.as_str() {
+                "ours" => (*scene).to_owned(),
+                peer => format!("{scene}, {peer}"),
+            };
+            let place = [point.time.median_s, point.error];
+            match series.iter_mut().find(|known| known.name == name) {
+                Some(known) => known.points.push(place),
+                None => {
+                    series.push(Series { name, points: vec![place], line: true, markers: true })
+                }
+            }
+        }
+    }
     Ok(draw_plot(&Plot {
-        title: "Certified gap against run time".to_owned(),
-        footnote: format!("{note}. Gap: part by which the objective can still fall, proven"),
-        x_label: "time per frame (s)".to_owned(),
-        y_label: "relative duality gap".to_owned(),
+        title: "Error of the voltages against run time".to_owned(),
+        footnote: "Factorisation, voltages and Jacobian, mesh by mesh; untouched skin; error: the \
+                   largest over the largest voltage"
+            .to_owned(),
+        x_label: "time (s)".to_owned(),
+        y_label: "error".to_owned(),
         x_log: true,
         y_log: true,
-        series: series(iterated, |c| format!("{}, {}", c.name, c.shape), |p| p.gap),
+        series,
         zoom: 2,
     })?)
 }
 
-/// The truth and every method's image of the last frame that all have, one recording after the
-/// other.
-fn images(
-    bench: &Bench,
-    courses: &[Course],
+/// The truth and every solver's image of the last frame that all have, one recording after the
+/// other, at the finest raster.
+fn sheet(
+    judge: &Bench,
     recordings: &[Recording],
-    (note, size): (&str, &Size),
+    courses: &[Vec<Course>],
+    note: &str,
 ) -> Result<Canvas, CliError> {
-    let frame = size.absolute_frames.min(size.frames) - 1;
+    let shown = |course: &&Course| {
+        let fine = course.solver.pixels.is_none_or(|pixels| pixels == judge.raster.pixels());
+        fine && course.movie.nrows() > 0
+    };
+    let least = courses.iter().flatten().filter(shown).map(|course| course.movie.nrows()).min();
+    let frame = least.unwrap_or(1) - 1;
     let (mut labels, mut rows) = (Vec::new(), Vec::new());
-    for (shape, _, truth) in recordings {
-        labels.push(format!("{shape}: truth"));
-        rows.push(truth.row(frame));
-        for course in courses.iter().filter(|course| course.shape == *shape) {
-            labels.push(course.name.clone());
+    for (recording, courses) in recordings.iter().zip(courses) {
+        labels.push(format!("{}: truth", recording.shape));
+        rows.push(recording.truth.row(frame));
+        for course in courses.iter().filter(shown) {
+            labels.push(course.solver.name.clone());
             rows.push(course.movie.row(frame));
         }
     }
     let stacked = ndarray::stack(Axis(0), &rows).map_err(|e| CliError::Failure(e.to_string()))?;
-    let images = bench.raster.images_from_pixels(stacked.view())?;
-    let skin = draw::skin(&bench.setup.mesh, &bench.raster);
+    let images = judge.raster.images_from_pixels(stacked.view())?;
+    let skin = draw::skin(&judge.setup.mesh, &judge.raster);
     let settings = PictureSettings {
-        title: format!("Frame {frame} by every method"),
+        title: format!("Frame {frame} by every solver"),
         footnote: note.to_owned(),
         labels: FrameLabels::Text(labels),
         ..Default::default()

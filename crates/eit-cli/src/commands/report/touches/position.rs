@@ -173,7 +173,7 @@ pub(super) fn table(lab: &Lab, grid: &Grid, all: &[Errors]) -> Table {
              Found: the strongest touch is within {:.0} mm; errors are those of the found. \
              Elsewhere: it is farther. Images: above the noise floor of one false touch an hour at \
              20 Hz, of ST-TV measured on {} quiet frames; fit: Schwarz's criterion asks for it. \
-             ST-TV of a single frame, never below 0.",
+             ST-TV of a single frame, never below 0 (st-tv ≥ 0).",
             all.first().map_or(0, |e| e.trials),
             grid.places,
             lab.data.mesh.surface().nodes().len(),

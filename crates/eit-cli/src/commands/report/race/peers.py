@@ -1,0 +1,220 @@
+"""Python peers of `eit report --peers`: plain NumPy and SciPy, and pyEIT where it is installed.
+
+Reads arrays from the folder that is its argument, writes results.json and arrays beside them.
+One thread; wall time; the fastest plain form that each library allows.
+"""
+
+import json
+import os
+import sys
+import time
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[name] = "1"
+
+import numpy as np  # noqa: E402
+
+FOLDER = sys.argv[1]
+RESULTS = []
+
+
+def load(name):
+    return np.load(os.path.join(FOLDER, name + ".npy"))
+
+
+def save(kind, name, value, seconds, frames=1):
+    """One result: an array, and the times of its runs."""
+    number = len(RESULTS)
+    np.save(os.path.join(FOLDER, f"result_{number}.npy"), np.ascontiguousarray(value, dtype=float))
+    RESULTS.append({"kind": kind, "name": name, "seconds": list(seconds), "frames": frames})
+
+
+def times(run, count):
+    """Seconds of each of some runs, and what the last one gave."""
+    seconds, value = [], None
+    for _ in range(count):
+        start = time.perf_counter()
+        value = run()
+        seconds.append(time.perf_counter() - start)
+    return seconds, value
+
+
+def forward():
+    """Complete electrode model, P1: assembly of values, factorisation, voltages, Jacobian."""
+    import scipy.sparse as sp
+    import scipy.sparse.linalg as spla
+
+    nodes, triangles = load("nodes"), load("triangles").astype(int)
+    edges, impedance, sigma = load("edges"), load("impedance"), load("sigma")
+    stimulations, patterns, data = load("stimulations"), load("patterns"), load("data").astype(int)
+    n, electrodes = len(nodes), len(impedance)
+    corners = nodes[triangles]
+    sides = np.stack([corners[:, 2] - corners[:, 1], corners[:, 0] - corners[:, 2],
+                      corners[:, 1] - corners[:, 0]], axis=1)
+    area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    local = np.einsum("eik,ejk->eij", sides, sides) / (4.0 * area)[:, None, None]
+    rows = np.repeat(triangles, 3, axis=1).ravel()
+    columns = np.tile(triangles, (1, 3)).ravel()
+    a, b, owner = edges.T.astype(int)
+    length = np.linalg.norm(nodes[a] - nodes[b], axis=1)
+    weight = length / impedance[owner]
+    e = n + owner
+    fixed = sp.coo_matrix(
+        (np.concatenate([weight / 3, weight / 3, weight / 6, weight / 6, -weight / 2, -weight / 2,
+                         -weight / 2, -weight / 2, weight]),
+         (np.concatenate([a, b, a, b, a, b, e, e, e]), np.concatenate([a, b, b, a, e, e, a, b, e]))),
+        shape=(n + electrodes, n + electrodes)).tocsc()
+    # the last electrode is grounded
+    size = n + electrodes - 1
+    right = np.zeros((size, electrodes - 1))
+    right[n:, :] = np.eye(electrodes - 1)
+    try:
+        from sksparse.cholmod import analyze
+        engine = "SciPy + CHOLMOD"
+    except ImportError:
+        analyze, engine = None, "SciPy (SuperLU)"
+
+    def matrix():
+        values = (local * sigma[:, None, None]).ravel()
+        stiffness = sp.coo_matrix((values, (rows, columns)), shape=fixed.shape).tocsc()
+        return (stiffness + fixed)[:size, :size].tocsc()
+
+    symbolic = analyze(matrix()) if analyze else None
+
+    def solve():
+        system = matrix()
+        if symbolic is not None:
+            symbolic.cholesky_inplace(system)
+            potentials = symbolic(right)
+        else:
+            potentials = spla.splu(system).solve(right)
+        full = np.zeros((n + electrodes, electrodes))
+        full[:size, : electrodes - 1] = potentials
+        of_stimulation, of_pattern = full @ stimulations.T, full @ patterns.T
+        voltages = np.einsum("me,me->m", patterns[data[:, 1]], of_stimulation[n:].T[data[:, 0]])
+        s, p = of_stimulation[triangles], of_pattern[triangles]
+        bent = np.einsum("eij,ejk->eik", local, s)
+        jacobian = -np.einsum("eim,eim->me", bent[:, :, data[:, 0]], p[:, :, data[:, 1]])
+        return voltages, jacobian
+
+    seconds, (voltages, _) = times(solve, 5)
+    save("forward", engine, voltages, seconds)
+
+
+def pyeit_forward():
+    """pyEIT's forward problem with its Jacobian: point electrodes, its own assembly."""
+    try:
+        import warnings
+        warnings.filterwarnings("ignore")
+        from pyeit.eit import protocol
+        from pyeit.eit.fem import EITForward
+        from pyeit.mesh import PyEITMesh
+    except ImportError:
+        return
+    nodes, triangles, edges = load("nodes"), load("triangles").astype(int), load("edges")
+    patterns = load("stimulations")
+    electrodes = patterns.shape[1]
+    pairs = [[int(np.argmax(row)), int(np.argmin(row))] for row in patterns]
+    if any(pair != [k, (k + 1) % electrodes] for k, pair in enumerate(pairs)):
+        return
+    middle = []
+    for electrode in range(electrodes):
+        own = edges[edges[:, 2] == electrode]
+        middle.append(int(own[len(own) // 2, 0]))
+    mesh = PyEITMesh(node=nodes.copy(), element=triangles.copy(), perm=1.0,
+                     el_pos=np.array(middle), ref_node=0)
+    pattern = protocol.create(electrodes, dist_exc=1, step_meas=1, parser_meas="std")
+    model, sigma = EITForward(mesh, pattern), load("sigma")
+    current = float(np.max(patterns))
+    seconds, value = times(lambda: model.compute_jac(sigma), 2)
+    voltages = np.asarray(value[1]).ravel() * current
+    if len(voltages) == len(load("data")):
+        save("forward", "pyEIT (point electrodes)", voltages, seconds)
+
+
+def one_step():
+    """A reconstruction matrix times a frame: what every Python code does for each frame."""
+    matrix, frames = load("matrix"), load("frames")
+
+    def run():
+        return np.stack([matrix @ frame for frame in frames])
+
+    seconds, movie = times(run, 9)
+    save("inverse", "NumPy matrix", movie, seconds, len(frames))
+
+
+def total_variation():
+    """Primal-dual iteration (Chambolle and Pock 2011) with the exact proximal map of the data."""
+    jacobian, values = load("whitened_jacobian"), load("whitened_differences").T
+    mask = load("mask") > 0.5
+    space, in_time = load("weights")
+    basis, singular, right = np.linalg.svd(jacobian, full_matrices=False)
+    keep = singular > 1e-10 * singular[0]
+    basis, singular, right = basis[:, keep], singular[keep], right[keep]
+    wanted = basis.T @ values
+    frames = values.shape[1]
+    index = -np.ones(mask.shape, dtype=int)
+    index[mask] = np.arange(mask.sum())
+    beside = np.where(np.roll(mask, -1, 1) & mask, np.roll(index, -1, 1), index)[mask]
+    below = np.where(np.roll(mask, -1, 0) & mask, np.roll(index, -1, 0), index)[mask]
+    # no wrap: the last column and row have no neighbour
+    last = np.zeros_like(mask)
+    last[:, -1] = True
+    beside = np.where(last[mask], index[mask], beside)
+    last[:] = False
+    last[-1] = True
+    below = np.where(last[mask], index[mask], below)
+    own = index[mask]
+    across, down = beside != own, below != own
+
+    def transposed(dual, neighbour, used):
+        out = -dual
+        np.add.at(out, neighbour[used], dual[used])
+        return out
+
+    def run(tau, iterations):
+        sigma = 1.0 / (12.0 * tau)
+        shrink = (tau * singular ** 2 / (1.0 + tau * singular ** 2))[:, None]
+        goal = wanted / singular[:, None]
+        x = np.zeros((jacobian.shape[1], frames))
+        px, py = np.zeros_like(x), np.zeros_like(x)
+        pt = np.zeros((x.shape[0], max(frames - 1, 0)))
+        for _ in range(iterations):
+            step = x - tau * (transposed(px, beside, across) + transposed(py, below, down))
+            if frames > 1:
+                step[:, :-1] += tau * pt
+                step[:, 1:] -= tau * pt
+            new = step + right.T @ (shrink * (goal - right @ step))
+            ahead = 2.0 * new - x
+            gx, gy = px + sigma * (ahead[beside] - ahead), py + sigma * (ahead[below] - ahead)
+            norm = np.maximum(1.0, np.hypot(gx, gy) / space)
+            px, py = gx / norm, gy / norm
+            if frames > 1:
+                pt = np.clip(pt + sigma * (ahead[:, 1:] - ahead[:, :-1]), -in_time, in_time)
+            x = new
+        return x
+
+    def objective(x):
+        data = 0.5 * np.sum((jacobian @ x - values) ** 2)
+        flat = np.hypot(x[beside] - x, x[below] - x).sum()
+        return data + space * flat + in_time * np.abs(x[:, 1:] - x[:, :-1]).sum()
+
+    # the peer's best step, by trying: not counted
+    tried = [k / singular[len(singular) // 2] ** 2 for k in (0.1, 1.0, 10.0, 100.0, 1e3, 1e4)]
+    tau = min(tried, key=lambda step: objective(run(step, 60)))
+    for iterations in (10, 30, 100, 300, 1000):
+        seconds, movie = times(lambda: run(tau, iterations), 1)
+        save("inverse", f"NumPy primal-dual, {iterations} iterations", movie.T, seconds, frames)
+        if seconds[0] > 20.0:
+            break
+
+
+if os.path.exists(os.path.join(FOLDER, "nodes.npy")):
+    forward()
+    pyeit_forward()
+if os.path.exists(os.path.join(FOLDER, "matrix.npy")):
+    one_step()
+if os.path.exists(os.path.join(FOLDER, "whitened_jacobian.npy")):
+    total_variation()
+with open(os.path.join(FOLDER, "results.json"), "w", encoding="utf-8") as out:
+    json.dump(RESULTS, out)

@@ -1,0 +1,194 @@
+//! Python peers on the same problems, with `--peers PYTHON`.
+//!
+//! The script comes with the program (`peers.py`: NumPy and SciPy, CHOLMOD and pyEIT where they are
+//! installed). It gets arrays in a temporary folder and leaves its results there: times by its own
+//! clock, voltages and movies, which are judged here like ours.
+
+use super::inverse::Lane;
+use super::point::Spread;
+use crate::error::CliError;
+use crate::output::write_npy;
+use crate::pipeline::Setup;
+use crate::scene::Scene;
+use eit_mesh::Electrode;
+use ndarray::{Array1, Array2, ArrayBase, Data, Dimension};
+use ndarray_npy::ReadNpyExt as _;
+use serde::Deserialize;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+const SCRIPT: &str = include_str!("peers.py");
+
+/// One thing that a peer computed.
+#[derive(Deserialize)]
+struct Told {
+    kind: String,
+    name: String,
+    seconds: Vec<f64>,
+    frames: usize,
+}
+
+/// A peer's voltages.
+pub(super) struct PeerVoltages {
+    pub name: String,
+    pub time: Spread,
+    pub voltages: Array1<f64>,
+}
+
+/// A peer's movie [frame, masked pixel], and its times for all frames.
+pub(super) struct PeerMovie {
+    pub name: String,
+    pub seconds: Vec<f64>,
+    pub movie: Array2<f64>,
+}
+
+/// Whether the interpreter has what the script needs; before any work.
+pub(super) fn check(python: &Path) -> Result<(), CliError> {
+    let output = Command::new(python).args(["-c", "import numpy, scipy"]).output();
+    let output = output.map_err(|e| {
+        CliError::input(format!("--peers {}: cannot run it: {e}", python.display()))
+    })?;
+    if output.status.success() {
+        return Ok(());
+    }
+    let why = String::from_utf8_lossy(&output.stderr);
+    let last = why.trim().lines().last().unwrap_or("it failed").to_owned();
+    Err(CliError::input(format!(
+        "--peers {}: a Python with numpy and scipy is needed (scikit-sparse and pyeit are used where \
+         installed): {last}",
+        python.display()
+    )))
+}
+
+/// Voltages of the untouched skin on a mesh.
+pub(super) fn forward(
+    python: &Path,
+    scene: &Scene,
+    setup: &Setup,
+) -> Result<Vec<PeerVoltages>, CliError> {
+    let folder = Folder::new()?;
+    let surface = setup.mesh.surface();
+    let nodes = Array2::from_shape_fn((surface.nodes().len(), 3), |(n, k)| surface.nodes()[n][k]);
+    let triangles = surface.triangles();
+    let corners = Array2::from_shape_fn((triangles.len(), 3), |(e, k)| f64::from(triangles[e][k]));
+    let mut edges = Vec::new();
+    for (number, electrode) in setup.mesh.electrodes().iter().enumerate() {
+        // the script knows electrodes on the rim
+        let Electrode::Rim(own) = electrode else { return Ok(Vec::new()) };
+        edges.extend(own.iter().flat_map(|[a, b]| [f64::from(*a), f64::from(*b), number as f64]));
+    }
+    let edges = table(edges, 3)?;
+    let count = setup.mesh.electrodes().len();
+    let data = setup.protocol.data().iter().flatten().map(|i| f64::from(*i)).collect();
+    folder.put("nodes", &nodes)?;
+    folder.put("triangles", &corners)?;
+    folder.put("edges", &edges)?;
+    folder.put("impedance", &Array1::from(scene.contact_impedance(count)?))?;
+    folder.put("sigma", &Array1::from_elem(triangles.len(), scene.skin.conductivity_s))?;
+    folder.put("stimulations", &setup.protocol.stimulations_a())?;
+    folder.put("patterns", &setup.protocol.measurement_patterns())?;
+    folder.put("data", &table(data, 2)?)?;
+    let told = folder.run(python)?;
+    let mut found = Vec::new();
+    for (number, told) in told.into_iter().enumerate().filter(|(_, t)| t.kind == "forward") {
+        let voltages: Array1<f64> = folder.get(number)?;
+        found.push(PeerVoltages { name: told.name, time: Spread::of(told.seconds, 1), voltages });
+    }
+    Ok(found)
+}
+
+/// Movies of a recording at the finest raster.
+pub(super) fn inverse(python: &Path, lane: &Lane<'_>) -> Result<Vec<PeerMovie>, CliError> {
+    let folder = Folder::new()?;
+    let problem = lane.peer_problem()?;
+    folder.put("matrix", &problem.matrix)?;
+    folder.put("frames", &problem.differences)?;
+    folder.put("whitened_jacobian", &problem.whitened_jacobian)?;
+    folder.put("whitened_differences", &problem.whitened_differences)?;
+    folder.put("mask", &problem.mask)?;
+    folder.put("weights", &Array1::from(problem.weights.to_vec()))?;
+    let told = folder.run(python)?;
+    let mut found = Vec::new();
+    for (number, told) in told.into_iter().enumerate().filter(|(_, t)| t.kind == "inverse") {
+        let movie: Array2<f64> = folder.get(number)?;
+        if movie.nrows() != told.frames {
+            return Err(CliError::Failure(format!(
+                "the peer {} gave {} frames of {}",
+                told.name,
+                movie.nrows(),
+                told.frames
+            )));
+        }
+        found.push(PeerMovie { name: told.name, seconds: told.seconds, movie });
+    }
+    Ok(found)
+}
+
+/// What a movie is made of, as plain arrays.
+pub(super) struct PeerProblem {
+    /// [pixel, measurement], the one-step reconstruction.
+    pub matrix: Array2<f64>,
+    /// [frame, measurement].
+    pub differences: Array2<f64>,
+    /// [measurement, pixel] and [frame, measurement], over the noise.
+    pub whitened_jacobian: Array2<f64>,
+    pub whitened_differences: Array2<f64>,
+    /// [row, column], 1 on the skin.
+    pub mask: Array2<f64>,
+    /// Of differences of pixels in space and of frames in time.
+    pub weights: [f64; 2],
+}
+
+/// A temporary folder of arrays.
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Result<Self, CliError> {
+        let folder = tempfile::Builder::new().prefix("eit-peers-").tempdir();
+        folder.map(Self).map_err(|e| CliError::Failure(format!("no temporary folder: {e}")))
+    }
+
+    fn put<S, D>(&self, name: &str, array: &ArrayBase<S, D>) -> Result<(), CliError>
+    where
+        S: Data<Elem = f64>,
+        D: Dimension,
+    {
+        let path = self.0.path().join(format!("{name}.npy"));
+        let mut file = std::fs::File::create(&path).map_err(|e| CliError::at(&path, e))?;
+        write_npy(array, &mut file)
+    }
+
+    fn get<D: Dimension>(
+        &self,
+        number: usize,
+    ) -> Result<ArrayBase<ndarray::OwnedRepr<f64>, D>, CliError> {
+        let path = self.0.path().join(format!("result_{number}.npy"));
+        let file = std::fs::File::open(&path).map_err(|e| CliError::at(&path, e))?;
+        ArrayBase::read_npy(std::io::BufReader::new(file)).map_err(|e| CliError::at(&path, e))
+    }
+
+    fn run(&self, python: &Path) -> Result<Vec<Told>, CliError> {
+        let script = self.0.path().join("peers.py");
+        std::fs::write(&script, SCRIPT).map_err(|e| CliError::at(&script, e))?;
+        let output = Command::new(python)
+            .arg(&script)
+            .arg(self.0.path())
+            .stdin(Stdio::null())
+            .output()
+            .map_err(|e| CliError::at(python, e))?;
+        if !output.status.success() {
+            let why = String::from_utf8_lossy(&output.stderr);
+            let last = why.trim().lines().last().unwrap_or("no reason given").to_owned();
+            return Err(CliError::Failure(format!("the Python peers failed: {last}")));
+        }
+        let path = self.0.path().join("results.json");
+        let text = std::fs::read_to_string(&path).map_err(|e| CliError::at(&path, e))?;
+        serde_json::from_str(&text).map_err(|e| CliError::at(&path, e))
+    }
+}
+
+/// Numbers as rows of so many.
+fn table(values: Vec<f64>, columns: usize) -> Result<Array2<f64>, CliError> {
+    Array2::from_shape_vec((values.len() / columns, columns), values)
+        .map_err(|e| CliError::Failure(e.to_string()))
+}
