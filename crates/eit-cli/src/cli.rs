@@ -3,7 +3,8 @@
 mod live;
 
 pub(crate) use live::{
-    CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, RecordArgs, ReplayArgs, WatchArgs,
+    CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, QUIET, RecordArgs, ReplayArgs,
+    WatchArgs,
 };
 
 use clap::{Args, Parser, Subcommand};
@@ -18,7 +19,7 @@ use std::path::PathBuf;
     after_help = "A SCENE is a TOML file or the name of a built-in scene: paper-disc, stiff-contact, \
         high-contrast, general-32, single-frame.\n\n\
         First steps:\n  \
-        eit demo --out demo                    simulate two fingers, reconstruct, draw\n  \
+        eit demo                               a simulated skin, from voltages to touches\n  \
         eit plan paper-disc                    what a scene needs, and what it will cost\n  \
         eit plan paper-disc --print-scene      a scene file to start from\n  \
         eit mesh paper-disc --out skin.png     look at the mesh\n  \
@@ -46,7 +47,16 @@ pub(crate) struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Simulate a touched skin on one mesh, reconstruct on another, write the pictures.
+    /// The paper's two experiments on a simulated fabric, from the voltages to the touches.
+    ///
+    /// Simulates one finger and two fingers on a stretched fabric, sends the frames through an emulated
+    /// instrument on a pseudo-terminal (TCP where there is none), reads and records them by its driver,
+    /// reconstructs them by total variation as they come, denoises them with the U-net, follows the
+    /// touches. Writes report.html (opens by double click; needs no network), its pictures, and
+    /// recordings that `eit replay` turns into the same images to the bit.
+    ///
+    /// A folder that holds other things than an earlier demo is refused without --force. Ctrl-C ends
+    /// it: recordings and images so far are whole, and named.
     Demo(DemoArgs),
     /// Show what a scene needs, what is left out and why, with sizes and costs.
     Plan(PlanArgs),
@@ -124,8 +134,10 @@ pub(crate) enum Command {
     /// Show touches of a live instrument as they happen.
     ///
     /// The first frames are the reference: touch nothing until it says so. After the instrument
-    /// was lost and found again, a new reference is taken. One-step images at noise figure 1, as
-    /// `eit reconstruct` finds touches in; --picture draws the latest image again and again.
+    /// was lost and found again, a new reference is taken. --picture draws the latest image again and
+    /// again. Where the scene's method is st-tv or tv, images are total variation over the last frames;
+    /// with denoise.weights the U-net follows, and touches are found in its images. Otherwise: one
+    /// step at noise figure 1.
     ///
     /// Example: eit live my.toml --picture now.png
     Live(LiveArgs),
@@ -163,6 +175,12 @@ pub(crate) struct DemoArgs {
     /// Folder for the results.
     #[arg(long, value_name = "DIR", default_value = "demo-out")]
     pub out: PathBuf,
+    /// Write into a folder that holds other things, too.
+    #[arg(long)]
+    pub force: bool,
+    /// Fewer frames, pixels and nodes: seconds, as a check.
+    #[arg(long)]
+    pub quick: bool,
 }
 
 /// `eit plan`

@@ -2,9 +2,11 @@
 
 mod chain;
 mod check;
+mod live;
 
 pub(crate) use chain::{Chain, Chained};
 pub(crate) use check::{Check, Checked};
+pub(crate) use live::LiveNet;
 
 use crate::error::CliError;
 use crate::pipeline::DEFAULT_PIXELS;
