@@ -17,7 +17,7 @@ mod st_tv;
 pub mod touch;
 mod whitened;
 
-pub use data::{DifferenceData, DifferenceSettings};
+pub use data::{DifferenceData, DifferenceSettings, FrameStatus};
 pub use error::InverseError;
 pub use gauss_newton::{Difference, Report};
 pub use gradient::Gradient;
