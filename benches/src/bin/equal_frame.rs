@@ -158,7 +158,7 @@ fn to_pixels(scene: &Scene) -> Result<Reconstructor> {
 }
 
 fn follow(scene: &Scene) -> Result<Row> {
-    let mut cost = |frames: &[Vec<f64>]| {
+    let cost = |frames: &[Vec<f64>]| {
         let settings = ReferenceSettings::default();
         let mut reference =
             AdaptiveReference::with_noise(&scene.reference, &scene.noise_std, settings)?;
