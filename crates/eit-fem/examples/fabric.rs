@@ -27,8 +27,8 @@ pub fn run() -> Result<[f64; 2], Box<dyn Error>> {
     let before = made.frames_v.row(0);
     let largest = before.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
     let change = |frame: usize| {
-        let squares = made.frames_v.row(frame).iter().zip(before).map(|(v, b)| (v - b).powi(2));
-        (squares.sum::<f64>() / before.len() as f64).sqrt() / largest
+        let change = &made.frames_v.row(frame) - &before;
+        (change.dot(&change) / before.len() as f64).sqrt() / largest
     };
     let changes = [change(first - 1), change(made.frames_v.nrows() - 1)];
     println!("{} frames of {} values, touched from frame {first} on", script.frames, before.len());
