@@ -18,6 +18,7 @@ use crate::connect;
 use crate::denoise::{self, Net};
 use crate::error::CliError;
 use crate::frames::{self, Frames};
+use crate::measured;
 use crate::method::{self, Method};
 use crate::pipeline::touches::TouchFinder;
 use crate::pipeline::{self, Linearised, Setup};
@@ -102,6 +103,13 @@ impl Model {
             return Err(CliError::input(format!("--quiet {quiet}: it must be {LEAST} or more")));
         }
         pipeline::touches::check(&scene)?;
+        // bad names and weights are refused before anything is made
+        method::choose(&scene, None, None)?;
+        denoise::of_scene(&scene)?;
+        let setup = pipeline::setup(&scene, None, None, progress)?;
+        let linearised = pipeline::linearise(&scene, &setup, progress)?;
+        let voltages = linearised.voltages.to_vec();
+        let scene = measured::in_time(scene, &setup, (None, true), &voltages)?;
         // those of other methods want the whole sequence, or cost more than a frame's time
         let method = match method::choose(&scene, None, None)?.method {
             method if method.is_tv() => method,
@@ -110,8 +118,6 @@ impl Model {
         let net = denoise::of_scene(&scene)?;
         // frame numbers of a recording mean nothing here
         let scene = Scene { noise: Noise { quiet_frames: None, ..scene.noise.clone() }, ..scene };
-        let setup = pipeline::setup(&scene, None, None, progress)?;
-        let linearised = pipeline::linearise(&scene, &setup, progress)?;
         Ok(Self { scene, setup, linearised, method, net, quiet })
     }
 
