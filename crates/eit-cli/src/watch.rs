@@ -103,11 +103,9 @@ impl Model {
             return Err(CliError::input(format!("--quiet {quiet}: it must be {LEAST} or more")));
         }
         pipeline::touches::check(&scene)?;
-        // an unknown name is refused before anything is made
+        // bad names and weights are refused before anything is made
         method::choose(&scene, None, None)?;
-        let net = denoise::of_scene(&scene)?;
-        // frame numbers of a recording mean nothing here
-        let scene = Scene { noise: Noise { quiet_frames: None, ..scene.noise.clone() }, ..scene };
+        denoise::of_scene(&scene)?;
         let setup = pipeline::setup(&scene, None, None, progress)?;
         let linearised = pipeline::linearise(&scene, &setup, progress)?;
         let voltages = linearised.voltages.to_vec();
@@ -117,6 +115,9 @@ impl Model {
             method if method.is_tv() => method,
             _ => Method::GaussNewton,
         };
+        let net = denoise::of_scene(&scene)?;
+        // frame numbers of a recording mean nothing here
+        let scene = Scene { noise: Noise { quiet_frames: None, ..scene.noise.clone() }, ..scene };
         Ok(Self { scene, setup, linearised, method, net, quiet })
     }
 

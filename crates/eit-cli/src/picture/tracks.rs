@@ -2,7 +2,7 @@
 
 use super::{
     PictureError, SkinDrawing,
-    canvas::{Align, Canvas, INK, LINE, Rgb, WHITE},
+    canvas::{Align, Canvas, INK, Rgb, WHITE},
     page::{LABEL_EM, Page, PageSettings},
     panel::Panel,
     plot::COLORS,
@@ -17,6 +17,8 @@ const PLACE: f64 = 4.0;
 /// Length of the legend's samples and distance of its lines, in points.
 const SAMPLE: f64 = 18.0;
 const LINE_HEIGHT: f64 = 16.0;
+/// Colour of the truth.
+const TRUE: Rgb = [172; 3];
 
 /// One way.
 #[derive(Clone, Debug)]
@@ -96,13 +98,13 @@ fn legend(panel: &TracksPanel) -> impl Iterator<Item = &Track> {
 /// Grey for the truth, then one colour after the other.
 fn colors(panel: &TracksPanel) -> Vec<Rgb> {
     let mut next = COLORS.into_iter().cycle();
-    let of = |track: &Track| if track.is_truth { Some(LINE) } else { next.next() };
+    let of = |track: &Track| if track.is_truth { Some(TRUE) } else { next.next() };
     panel.tracks.iter().map(of).map(|color| color.unwrap_or(INK)).collect()
 }
 
 fn draw_way(canvas: &mut Canvas, way: &[[f64; 2]], is_truth: bool, color: Rgb) {
     if is_truth {
-        canvas.stroke(way, WAY, color, 0.45);
+        canvas.stroke(way, WAY, color, 1.0);
         return;
     }
     for place in way {

@@ -4,7 +4,7 @@ use crate::error::CliError;
 use crate::output::{OutFile, OutFolder, io};
 use crate::scene::Scene;
 use std::fs;
-use std::io::{BufRead as _, BufReader};
+use std::io::{BufRead as _, BufReader, ErrorKind};
 use std::path::{Path, PathBuf};
 
 /// First line of the scene: the folder is a demo's.
@@ -53,7 +53,10 @@ impl DemoFolder {
             CliError::input(format!("{}: cannot be read: {e}", self.path.display()))
         };
         let entries = match fs::read_dir(&self.path) {
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+            // nothing is there; whether it can be made is seen when it is
+            Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+                return Ok(Vec::new());
+            }
             entries => entries.map_err(refused)?,
         };
         let is_demo = fs::File::open(self.scene()).is_ok_and(|file| {
@@ -74,7 +77,7 @@ impl DemoFolder {
     /// Removes a result of an earlier demo: a file, or a folder with what a demo writes there.
     fn remove(&self, place: &Path) -> Result<(), CliError> {
         let gone = |result: std::io::Result<()>| match result {
-            Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(CliError::at(place, e)),
+            Err(e) if e.kind() != ErrorKind::NotFound => Err(CliError::at(place, e)),
             _ => Ok(()),
         };
         if !place.is_dir() {

@@ -30,7 +30,7 @@ pub(super) struct Seen {
     pub made: Array3<f64>,
     /// Touches of each image.
     pub touches: Vec<Vec<Touch>>,
-    /// What was written beside the recording.
+    /// What happened while it was watched.
     pub summary: Summary,
     /// How the instrument was reached, in words.
     pub line: String,
