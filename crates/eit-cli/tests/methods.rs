@@ -451,7 +451,8 @@ fn plan_of_one_frame_leaves_out_what_it_does_not_need() {
         let (chosen, names) = left_out(&scene);
         assert_eq!((chosen.as_str(), missing(&names)), (method, [false; 4]), "{names:?}");
     }
-    let more = "[denoise]\nweights = \"default\"\n[instrument]\ndriver = \"emulator\"\n";
+    let more =
+        "[denoise]\nweights = \"default\"\nany_skin = true\n[instrument]\ndriver = \"emulator\"\n";
     let (chosen, names) = left_out(&format!("{noise}{}{more}", recording("many")));
     assert_eq!(
         (chosen.as_str(), missing(&names)),
