@@ -99,18 +99,6 @@ impl Net {
         })
     }
 
-    /// Replaces images as [`Net::apply`] does without a check; seconds that the net alone took.
-    pub fn time_of(&self, images: &mut Array3<f64>, raster: &Raster) -> Result<f64, CliError> {
-        let turned = |v: f64| self.sign * v;
-        let raw = ImageStack::new(images.mapv(turned), raster.mask().clone())?;
-        let mut net = Denoiser::new(&self.weights, raster.mask().view())?;
-        let start = std::time::Instant::now();
-        let made = net.denoise(&raw)?;
-        let seconds = start.elapsed().as_secs_f64();
-        *images = made.into_parts().0.mapv_into(turned);
-        Ok(seconds)
-    }
-
     /// Size of the net.
     pub fn shape(&self) -> UnetShape {
         self.weights.shape

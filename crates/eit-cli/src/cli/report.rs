@@ -26,7 +26,7 @@ pub(crate) struct ReportArgs {
     #[arg(long, conflicts_with_all = ["quality", "touches"])]
     pub denoise: bool,
     /// Only these scenes of the error-against-run-time report: paper-disc-60, paper-disc-40,
-    /// stiff-contact, high-contrast, general-32, single-frame.
+    /// paper-fabric, stiff-contact, high-contrast, general-32, single-frame.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     #[arg(conflicts_with_all = ["quality", "touches", "denoise"])]
     pub scenes: Vec<String>,
