@@ -241,7 +241,10 @@ impl Choice {
         let home = folder.join("program");
         std::fs::create_dir_all(&home)?;
         std::fs::write(home.join("Cargo.toml"), manifest)?;
-        std::fs::copy(root.join("Cargo.lock"), home.join("Cargo.lock"))?;
+        // the same versions, and the same compiler
+        for file in ["Cargo.lock", "rust-toolchain.toml"] {
+            std::fs::copy(root.join(file), home.join(file))?;
+        }
         Ok(home)
     }
 }

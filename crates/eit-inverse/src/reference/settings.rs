@@ -3,7 +3,7 @@
 use crate::InverseError;
 use crate::data::check_positive;
 
-/// Settings of [`AdaptiveReference`].
+/// Settings of [`AdaptiveReference`](crate::AdaptiveReference).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReferenceSettings {
     /// Time constant of the filter, seconds. Default 30. A touch that takes much longer than this
