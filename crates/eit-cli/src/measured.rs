@@ -6,7 +6,7 @@
 use crate::error::CliError;
 use crate::machine::Machine;
 use crate::method::Method;
-use crate::pipeline::Setup;
+use crate::pipeline::{DEFAULT_PIXELS, Setup};
 use crate::scene::{Hyperparameter, OneOrMany, Rule, Scene};
 use serde::Deserialize;
 
@@ -175,7 +175,16 @@ pub(crate) fn in_time(
     let Some(budget_s) = keys.frame_time_s else { return Ok(scene) };
     let nearest = nearest(&scene, setup, frames, voltages);
     let table = Table::load()?;
-    let allowed = |row: &Measured| row.settings().is_some_and(|found| found.suits(&scene, row));
+    let allowed = |row: &Measured| {
+        row.settings().is_some_and(|found| {
+            // the absolute method keeps no pace, and a stream is for what streams
+            let pace = match live {
+                true => found.method != Method::GaussNewtonAbsolute,
+                false => !row.solver.ends_with(STREAM),
+            };
+            pace && found.suits(&scene, row)
+        })
+    };
     let Some(row) = table.best(nearest.scene, (budget_s, live), allowed) else {
         return Err(CliError::input(format!(
             "reconstruction.frame_time_s is {budget_s}: nothing that the scene allows was so fast \
@@ -213,20 +222,21 @@ impl Settings {
         let bounded = keys.lower_s.is_some_and(|lower| lower >= 0.0);
         let stated = keys.method.as_deref().is_none_or(|name| name == self.method.name());
         let tv = !self.method.is_tv() || (noise && bounded == row.solver.contains(BOUNDED));
-        let others = self.method.is_tv() || keys.keys_of_tv().next().is_none();
+        let others = match self.method.is_tv() {
+            true => keys.keys_of_gauss_newton().next().is_none(),
+            false => keys.keys_of_tv().next().is_none(),
+        };
         let rule = !self.cross_validated || keys.hyperparameter.is_none();
-        stated
-            && tv
-            && others
-            && rule
-            && (!self.method.is_tv() || keys.keys_of_gauss_newton().next().is_none())
+        // a net belongs to its number of pixels
+        let pixels = scene.denoise.is_none() || row.pixels.is_none_or(|n| n == DEFAULT_PIXELS);
+        stated && tv && others && rule && pixels
     }
 }
 
 impl Measured {
     /// What a scene file would say; `None` for what it cannot (a net, a peer).
     fn settings(&self) -> Option<Settings> {
-        let name = self.solver.trim_end_matches(" stream").trim_end_matches(BOUNDED);
+        let name = self.solver.trim_end_matches(STREAM).trim_end_matches(BOUNDED);
         let (name, cross_validated) = match name.strip_suffix(", gcv") {
             Some(name) => (name, true),
             None => (name, false),
@@ -238,6 +248,8 @@ impl Measured {
 
 /// End of a solver's name that knows that touches only raise the conductivity.
 const BOUNDED: &str = " ≥ 0";
+/// End of the name of one that takes frame after frame.
+const STREAM: &str = " stream";
 
 #[cfg(test)]
 mod tests {

@@ -65,7 +65,9 @@ impl LiveNet {
                 // nobody touches the whole skin alike
                 return Ok(false);
             }
-            made => made?,
+            made => {
+                made?;
+            }
         }
         self.made.mapv_inplace(|value| sign * value);
         if let Some((evidence, limit)) = &mut self.evidence

@@ -12,7 +12,7 @@ pub(super) const BUDGETS_S: [f64; 3] = [1e-2, 1e-3, 1e-4];
 pub(super) fn within(rows: &[Row], budget_s: f64, live: bool) -> Option<&Row> {
     rows.iter()
         .filter(|row| row.time.median_s <= budget_s && row.error.is_finite())
-        .filter(|row| row.solver.is_live || !live)
+        .filter(|row| (row.solver.is_live || !live) && !row.solver.is_peer)
         .min_by(|a, b| {
             a.error.total_cmp(&b.error).then(a.time.median_s.total_cmp(&b.time.median_s))
         })

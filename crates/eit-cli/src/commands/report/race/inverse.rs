@@ -254,7 +254,8 @@ impl Lane<'_> {
             made.floor_s += self.floors.net(net.shape(), bench);
             name = format!("{name}, {net_name}");
         }
-        let solver = Solver { name, pixels: Some(bench.raster.pixels()), is_live: true };
+        let solver =
+            Solver { name, pixels: Some(bench.raster.pixels()), is_live: true, is_peer: false };
         let movie = self.on_judge(bench, made.movie.view())?;
         let point = self.point(&movie, &made)?;
         Ok(self.course(solver, set_up, vec![point], movie))
@@ -289,7 +290,12 @@ impl Lane<'_> {
         let set_up = SetUp::of(&entry);
         let report = Some((report.iterations, report.status, None));
         let made = Made { movie, seconds, floor_s, report, target_gap: None };
-        let solver = Solver { name: method.name().to_owned(), pixels: None, is_live: is_absolute };
+        let solver = Solver {
+            name: method.name().to_owned(),
+            pixels: None,
+            is_live: is_absolute,
+            is_peer: false,
+        };
         let point = self.point(&made.movie, &made)?;
         Ok(self.course(solver, set_up, vec![point], made.movie))
     }
@@ -326,7 +332,8 @@ impl Lane<'_> {
             }
         }
         let name = entrant.name();
-        let solver = Solver { name, pixels: Some(bench.raster.pixels()), is_live: false };
+        let solver =
+            Solver { name, pixels: Some(bench.raster.pixels()), is_live: false, is_peer: false };
         Ok(self.course(solver, SetUp::of(&entry), points, last.unwrap_or_default()))
     }
 
@@ -372,7 +379,12 @@ impl Lane<'_> {
     /// A peer's movie, judged as ours.
     fn peer(&self, movie: PeerMovie) -> Result<Course, CliError> {
         let PeerMovie { name, seconds, movie } = movie;
-        let solver = Solver { name, pixels: Some(self.judge().raster.pixels()), is_live: false };
+        let solver = Solver {
+            name,
+            pixels: Some(self.judge().raster.pixels()),
+            is_live: false,
+            is_peer: true,
+        };
         let floor_s = f64::NAN;
         let made = Made { movie, seconds, floor_s, report: None, target_gap: None };
         let point = self.point(&made.movie, &made)?;

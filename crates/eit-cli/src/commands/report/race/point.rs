@@ -65,6 +65,8 @@ pub(super) struct Solver {
     pub pixels: Option<usize>,
     /// Gives a frame's image before the next frame comes.
     pub is_live: bool,
+    /// Another program, to compare with.
+    pub is_peer: bool,
 }
 
 #[cfg(test)]
