@@ -11,9 +11,10 @@ use super::{
 
 /// Longer side of a skin, in points: alone, and beside others.
 const SIDES: [f64; 2] = [400.0, 300.0];
-/// Width of a way and of a place, in points.
+/// Width of a way, and of the places of the first, second ... track found, in points: where one lies
+/// on another, both are seen.
 const WAY: f64 = 3.0;
-const PLACE: f64 = 4.0;
+const PLACES: [f64; 3] = [6.0, 3.5, 3.0];
 /// Length of the legend's samples and distance of its lines, in points.
 const SAMPLE: f64 = 18.0;
 const LINE_HEIGHT: f64 = 16.0;
@@ -75,14 +76,14 @@ pub(crate) fn draw_tracks(
     for (content, corner) in panels.iter().zip(&page.corners) {
         let corner = [corner[0] + ((widest - panel.size[0]).max(0.0) / 2.0).floor(), corner[1]];
         panel.draw_skin(&mut canvas, corner);
-        for (track, color) in content.tracks.iter().zip(colors(content)) {
+        for (track, (color, size)) in content.tracks.iter().zip(looks(content)) {
             let at = |p: &[f64; 2]| {
                 let [x, y] = panel.to_page(*p);
                 [corner[0] + x, corner[1] + y]
             };
             for way in track.places_m.split(|p| !p.iter().all(|v| v.is_finite())) {
                 let way: Vec<[f64; 2]> = way.iter().map(at).collect();
-                draw_way(&mut canvas, &way, track.is_truth, color);
+                draw_way(&mut canvas, &way, track.is_truth, (color, size));
             }
         }
         draw_legend(&mut canvas, content, [corner[0], corner[1] + panel.size[1]], panel.size[0]);
@@ -95,21 +96,25 @@ fn legend(panel: &TracksPanel) -> impl Iterator<Item = &Track> {
     panel.tracks.iter().filter(|track| !track.name.is_empty())
 }
 
-/// Grey for the truth, then one colour after the other.
-fn colors(panel: &TracksPanel) -> Vec<Rgb> {
+/// Colour and width of each way: grey for the truth, then one colour after the other.
+fn looks(panel: &TracksPanel) -> Vec<(Rgb, f64)> {
     let mut next = COLORS.into_iter().cycle();
-    let of = |track: &Track| if track.is_truth { Some(TRUE) } else { next.next() };
-    panel.tracks.iter().map(of).map(|color| color.unwrap_or(INK)).collect()
+    let mut sizes = PLACES.into_iter();
+    let of = |track: &Track| match track.is_truth {
+        true => (TRUE, WAY),
+        false => (next.next().unwrap_or(INK), sizes.next().unwrap_or(PLACES[PLACES.len() - 1])),
+    };
+    panel.tracks.iter().map(of).collect()
 }
 
-fn draw_way(canvas: &mut Canvas, way: &[[f64; 2]], is_truth: bool, color: Rgb) {
+fn draw_way(canvas: &mut Canvas, way: &[[f64; 2]], is_truth: bool, (color, size): (Rgb, f64)) {
     if is_truth {
-        canvas.stroke(way, WAY, color, 1.0);
+        canvas.stroke(way, size, color, 1.0);
         return;
     }
     for place in way {
-        canvas.stroke(&[*place], PLACE + 1.5, WHITE, 1.0);
-        canvas.stroke(&[*place], PLACE, color, 1.0);
+        canvas.stroke(&[*place], size + 1.2, WHITE, 1.0);
+        canvas.stroke(&[*place], size, color, 1.0);
     }
 }
 
@@ -117,13 +122,13 @@ fn draw_way(canvas: &mut Canvas, way: &[[f64; 2]], is_truth: bool, color: Rgb) {
 fn draw_legend(canvas: &mut Canvas, panel: &TracksPanel, [left, top]: [f64; 2], width: f64) {
     let mut y = top + LINE_HEIGHT / 2.0;
     canvas.text(&panel.label, LABEL_EM, [left + width / 2.0, y], Align::Centre, INK);
-    for (track, color) in panel.tracks.iter().zip(colors(panel)) {
+    for (track, look) in panel.tracks.iter().zip(looks(panel)) {
         if track.name.is_empty() {
             continue;
         }
         y += LINE_HEIGHT;
         let sample = [0.0, 0.5, 1.0].map(|part| [left + part * SAMPLE, y]);
-        draw_way(canvas, &sample, track.is_truth, color);
+        draw_way(canvas, &sample, track.is_truth, look);
         canvas.text(&track.name, LABEL_EM, [left + SAMPLE + 8.0, y], Align::Left, INK);
     }
 }
@@ -150,9 +155,9 @@ mod tests {
         };
         let truth = draw(vec![track(true, vec![[-0.05, 0.0], [0.05, 0.0]])]);
         assert_eq!(count(&truth), 0);
-        // dots of 4 points: 12.6 pixels, of which those on the rim are blended; three more in the legend
+        // dots of 6 points: 28 pixels, of which those on the rim are blended; three more in the legend
         let found = draw(vec![track(false, vec![[0.05, 0.0], [f64::NAN, 0.0], [-0.05, 0.0]])]);
-        assert!((5 * 3..=5 * 13).contains(&count(&found)), "{}", count(&found));
+        assert!((5 * 9..=5 * 28).contains(&count(&found)), "{}", count(&found));
     }
 
     #[test]

@@ -19,8 +19,10 @@ pub(super) struct Judged {
     /// Fingers on the skin, over all frames, and how many of them were found.
     pub fingers: usize,
     pub found: usize,
-    /// Touches where no finger was.
+    /// Touches where no finger was, and those of them in frames without any finger: mostly what the
+    /// fabric's hysteresis leaves where one has been.
     pub invented: usize,
+    pub left_over: usize,
     /// Fingers that were not found in the frames right after they came, when two frames have yet
     /// to show them.
     pub late: usize,
@@ -43,6 +45,7 @@ pub(super) fn judge(seen: &Seen, truth: &Simulation) -> Judged {
         fingers: 0,
         found: 0,
         invented: 0,
+        left_over: 0,
         late: 0,
     };
     let images = &truth.truth.conductivity_change_s;
@@ -97,6 +100,7 @@ impl Judged {
         self.fingers += fingers.len();
         self.found += found;
         self.invented += touches.len() - found;
+        self.left_over += if fingers.is_empty() { touches.len() } else { 0 };
         found
     }
 
@@ -126,6 +130,7 @@ impl Judged {
             "found": self.found,
             "not_yet_reported": self.late,
             "invented": self.invented,
+            "invented_without_finger": self.left_over,
             "position_error_m": self.distance_m(),
             "worst_position_error_m": self.distances_m.iter().copied().reduce(f64::max),
         })

@@ -70,25 +70,26 @@ pub(super) fn run(
             bar,
             last: Instant::now(),
             failure: None,
-            seen: (Vec::new(), Vec::new(), Vec::new(), Vec::new()),
+            pile: Pile::default(),
         };
         let summary = model.watch(&mut wire.session, true, &mut watcher);
         wire.session.stop();
         wire.emulator.stop();
-        let Demo { writer, kept, seen: (frames, raw, made, touches), failure, .. } = watcher;
-        // whatever happened, what came is whole
-        writer.finish()?;
-        kept.finish()?;
+        let Demo { writer, kept, pile, failure, .. } = watcher;
+        // whatever happened, what came is whole; and what happened first is told
+        let ended = (writer.finish(), kept.finish());
         let summary = summary?;
+        ended.0?;
+        ended.1?;
         if let Some(failure) = failure {
             return Err(failure);
         }
         Ok(Seen {
             is_whole: summary.frames == wanted as u64,
-            frames,
-            raw: stacked(&raw)?,
-            made: stacked(&made)?,
-            touches,
+            frames: pile.frames,
+            raw: stacked(&pile.raw)?,
+            made: stacked(&pile.made)?,
+            touches: pile.touches,
             summary,
             line: wire.line,
         })
@@ -149,7 +150,16 @@ struct Demo<'a> {
     /// When the last event came.
     last: Instant,
     failure: Option<CliError>,
-    seen: (Vec<usize>, Vec<Array2<f64>>, Vec<Array2<f64>>, Vec<Vec<Touch>>),
+    pile: Pile,
+}
+
+/// What is judged and drawn later, image by image.
+#[derive(Default)]
+struct Pile {
+    frames: Vec<usize>,
+    raw: Vec<Array2<f64>>,
+    made: Vec<Array2<f64>>,
+    touches: Vec<Vec<Touch>>,
 }
 
 impl Watcher for Demo<'_> {
@@ -186,12 +196,11 @@ impl Watcher for Demo<'_> {
             Some(raw) => raster.image_from_pixels(raw)?,
             None => made.clone(),
         };
-        let (frames, raws, mades, touches) = &mut self.seen;
-        frames.push(sight.frame.sequence as usize);
-        raws.push(raw);
-        mades.push(made);
         let alive = sight.touches.iter().filter(|touch| touch.state != TouchState::End);
-        touches.push(alive.copied().collect());
+        self.pile.frames.push(sight.frame.sequence as usize);
+        self.pile.raw.push(raw);
+        self.pile.made.push(made);
+        self.pile.touches.push(alive.copied().collect());
         self.bar.set_position(sight.number + 1);
         Ok(())
     }

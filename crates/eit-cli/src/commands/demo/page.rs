@@ -75,7 +75,7 @@ fn table(shown: &[Shown]) -> Block {
     ];
     let row = |shown: &Shown| {
         let [raw, made, quotient] = shown.judged.errors_of_touched();
-        let Judged { fingers, found, invented, .. } = shown.judged;
+        let Judged { fingers, found, invented, left_over, .. } = shown.judged;
         let summary = &shown.seen.summary;
         let ms = |share| match summary.latency_s(share) {
             Some(latency_s) => format!("{:.0}", 1e3 * latency_s),
@@ -90,7 +90,7 @@ fn table(shown: &[Shown]) -> Block {
             summary.aside.to_string(),
             format!("{found} of {fingers}"),
             format!("{:.1}", 1e3 * shown.judged.distance_m()),
-            invented.to_string(),
+            format!("{invented} ({left_over})"),
             ms(0.5),
             ms(0.95),
         ]
@@ -102,8 +102,10 @@ fn table(shown: &[Shown]) -> Block {
         note: format!(
             "Medians over the frames with a finger on the skin. Fingers are counted frame by frame; a \
              touch is theirs within 25 mm. {late} of those missed are in the first frame of a \
-             contact: two frames must show a touch before it is reported. Put aside: images of the \
-             net that do not explain their measurements, so that the raw one is shown."
+             contact: two frames must show a touch before it is reported. In brackets: those \
+             invented when no finger is on the skin, mostly where the fabric has not yet come back \
+             from one. Put aside: images of the net that do not explain their measurements, so that \
+             the raw one is shown."
         ),
     }
 }

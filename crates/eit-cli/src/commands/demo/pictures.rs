@@ -162,17 +162,21 @@ impl Shown {
             }
         }
         if count > 0 {
-            let name = format!("{count} brief touches");
+            let name = format!("{count} brief touch{}", if count == 1 { "" } else { "es" });
             tracks.push(Track { name, places_m: others, is_truth: false });
         }
-        let Judged { fingers, found, invented, .. } = self.judged;
+        let Judged { fingers, found, invented, left_over, .. } = self.judged;
         let label = format!(
-            "found in {found} of {fingers} cases, {:.1} mm off in the median, {invented} invented",
+            "found in {found} of {fingers} cases, {:.1} mm off in the median",
             1e3 * self.judged.distance_m()
+        );
+        let note = format!(
+            "a dot for each frame; {invented} dots where no finger is, {left_over} of them when none is \
+             on the skin"
         );
         let title = format!("{}: touches as they were tracked", title(&self.experiment));
         let panel = TracksPanel { label, tracks };
-        Ok(draw_tracks(&[panel], skin, (&title, "a dot for each frame"), 2)?)
+        Ok(draw_tracks(&[panel], skin, (&title, &note), 2)?)
     }
 }
 
