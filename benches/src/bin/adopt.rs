@@ -1,5 +1,6 @@
-//! Takes over what a full report has measured: `cargo run --release -p benches --bin adopt -- DIR`,
-//! DIR of `eit report --out DIR`.
+//! Takes over what a full report has measured: `cargo run --release -p benches --bin adopt -- DIR
+//! [PEERS]`, DIR of `eit report --out DIR`, PEERS of `eit report --scenes paper-disc-60 --peers PYTHON
+//! --out PEERS`.
 //!
 //! The tables of choices, plans and forward problems go to `docs/PERFORMANCE.md`, the pictures of
 //! the paper's skin to `docs/images`, and `inverse.csv`, without peers and without nets that are not
@@ -28,6 +29,13 @@ fn main() -> Result<()> {
         let body = section(&report, title).ok_or_else(|| format!("no section '{title}'"))?;
         document::write(part, &format!("{lead}\n\n{body}"))?;
     }
+    if let Some(peers) = std::env::args().nth(2) {
+        let report = read(&Path::new(&peers).join("report.md"))?;
+        let lead = report.lines().nth(2).unwrap_or_default();
+        let part = |title: &str| section(&report, title).ok_or_else(|| format!("no '{title}'"));
+        let (forward, scene) = (part("Forward problem")?, part("paper-disc-60")?);
+        document::write("report-peers", &format!("{lead}\n\n{forward}\n\n{scene}"))?;
+    }
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     for name in PICTURES {
         let place = root.join("docs/images").join(name);
@@ -51,21 +59,22 @@ fn section(report: &str, title: &str) -> Option<String> {
     Some(rest.split("\n## ").next()?.trim().to_owned())
 }
 
-/// Rows of solvers that users have.
+/// Rows of solvers that users have: no peers, no nets of files.
 fn shipped(table: &str) -> Result<String> {
-    let own = eit_denoise::Weights::paper_disc()?.shape.parameters();
-    let own = format!("U-net of {own}");
-    let is_ours = |solver: &str| {
-        !solver.starts_with("NumPy") && (!solver.contains("U-net") || solver.ends_with(&own))
+    let mut reader = csv::Reader::from_reader(table.as_bytes());
+    let head = reader.headers()?.clone();
+    let column = |name: &str| {
+        head.iter().position(|own| own == name).ok_or_else(|| format!("no column '{name}'"))
     };
-    let lines = table.lines().enumerate().filter(|(number, line)| {
-        // names of solvers have commas and are quoted then
-        let rest = line.split_once(',').map_or("", |(_, rest)| rest);
-        let solver = match rest.strip_prefix('"') {
-            Some(quoted) => quoted.split('"').next(),
-            None => rest.split(',').next(),
-        };
-        *number == 0 || solver.is_some_and(is_ours)
-    });
-    Ok(lines.map(|(_, line)| format!("{line}\n")).collect())
+    let (solver, peer) = (column("solver")?, column("peer")?);
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(&head)?;
+    for row in reader.records() {
+        let row = row?;
+        let net = row[solver].split_once("U-net").is_some_and(|(_, name)| !name.is_empty());
+        if &row[peer] == "false" && !net {
+            writer.write_record(&row)?;
+        }
+    }
+    Ok(String::from_utf8(writer.into_inner()?)?)
 }

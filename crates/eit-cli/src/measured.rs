@@ -186,10 +186,10 @@ mod tests {
                     continue;
                 }
                 for gap in GAPS {
-                    let row = table.of(case.name, (&scene, method), (64, *gap)).unwrap();
+                    let row = table.of(case.name, (&scene, method), (64, gap)).unwrap();
                     assert!(row.relative_error > 0.0 && row.ms_a_frame > 0.0, "{row:?}");
                     assert!(row.pixels.is_none_or(|pixels| pixels == 64), "{row:?}");
-                    assert!(row.target_gap.is_none_or(|own| own == *gap), "{row:?}");
+                    assert!(row.target_gap.is_none_or(|own| own == gap), "{row:?}");
                     assert_eq!(row.machine_gflops, rate);
                 }
             }

@@ -225,7 +225,7 @@ def total_variation():
     unit = singular[len(singular) // 2] ** 2
     steps = [k / unit for k in 10.0 ** np.arange(-1.0, 4.1, 0.5)]
     for iterations in (10, 30, 100, 300, 1000):
-        tried = min(iterations, 100)
+        tried = min(iterations, 50)
         tau = min(steps, key=lambda step: objective(run(step, tried)))
         seconds, movie = times(lambda: run(tau, iterations), 3)
         save("inverse", f"NumPy primal-dual, {iterations} iterations", movie.T, seconds, frames)
