@@ -11,15 +11,15 @@ use super::{
 
 /// Longer side of a skin, in points: alone, and beside others.
 const SIDES: [f64; 2] = [400.0, 300.0];
-/// Width of a way, and of the places of the first, second ... track found, in points: where one lies
-/// on another, both are seen.
-const WAY: f64 = 3.0;
-const PLACES: [f64; 3] = [6.0, 3.5, 3.0];
+/// Width of a true way, and of the places of the first, second ... track found, in points: where one
+/// lies on another, all are seen.
+const WAY: f64 = 9.0;
+const PLACES: [f64; 3] = [4.6, 2.6, 2.6];
 /// Length of the legend's samples and distance of its lines, in points.
 const SAMPLE: f64 = 18.0;
 const LINE_HEIGHT: f64 = 16.0;
 /// Colour of the truth.
-const TRUE: Rgb = [172; 3];
+const TRUE: Rgb = [208; 3];
 
 /// One way.
 #[derive(Clone, Debug)]
@@ -113,7 +113,7 @@ fn draw_way(canvas: &mut Canvas, way: &[[f64; 2]], is_truth: bool, (color, size)
         return;
     }
     for place in way {
-        canvas.stroke(&[*place], size + 1.2, WHITE, 1.0);
+        canvas.stroke(&[*place], size + 1.0, WHITE, 1.0);
         canvas.stroke(&[*place], size, color, 1.0);
     }
 }
@@ -155,9 +155,9 @@ mod tests {
         };
         let truth = draw(vec![track(true, vec![[-0.05, 0.0], [0.05, 0.0]])]);
         assert_eq!(count(&truth), 0);
-        // dots of 6 points: 28 pixels, of which those on the rim are blended; three more in the legend
+        // dots of 4.6 points: 17 pixels, of which those on the rim are blended; three more in the legend
         let found = draw(vec![track(false, vec![[0.05, 0.0], [f64::NAN, 0.0], [-0.05, 0.0]])]);
-        assert!((5 * 9..=5 * 28).contains(&count(&found)), "{}", count(&found));
+        assert!((5 * 4..=5 * 17).contains(&count(&found)), "{}", count(&found));
     }
 
     #[test]
