@@ -200,16 +200,6 @@ mod tests {
         assert_eq!(written.lines().next(), TABLE.lines().next(), "columns of an older report");
     }
 
-    /// No row is faster than its floor by more than timers and turbo explain.
-    #[test]
-    fn floors_lie_below() {
-        for row in Table::load().unwrap().rows {
-            if let Some(floor) = row.floor_ms_a_frame {
-                assert!(row.ms_a_frame > 0.9 * floor, "{row:?}");
-            }
-        }
-    }
-
     /// Alike errors: the cheapest counts, of equal work the tighter gap, and never a peer, nor a
     /// stream for recordings.
     #[test]

@@ -30,6 +30,9 @@ pub(crate) struct ReportArgs {
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     #[arg(conflicts_with_all = ["quality", "touches", "denoise"])]
     pub scenes: Vec<String>,
+    /// Only what `eit plan` promises of each scene, beside what is measured.
+    #[arg(long, conflicts_with_all = ["quality", "touches", "denoise", "peers"])]
+    pub plans: bool,
     /// Also run NumPy, SciPy and, where installed, CHOLMOD and pyEIT on the same problems, with this
     /// Python.
     #[arg(long, value_name = "PYTHON", conflicts_with_all = ["quality", "touches", "denoise"])]

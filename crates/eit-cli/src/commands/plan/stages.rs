@@ -17,10 +17,15 @@ const FITTED_FLOPS_PER_S: f64 = 4e10;
 const FACTOR_FLOPS_PER_S: f64 = 8e9;
 const ELEMENT_S: f64 = 1.5e-7;
 const SWEEP_FLOPS_PER_S: f64 = 6e9;
-const PRIOR_ENTRY_S: f64 = 5e-8;
-const PRODUCT_FLOPS_PER_S: f64 = 2e10;
-const DECOMPOSITION_FLOPS_PER_S: f64 = 1e10;
+const PRIOR_ENTRY_S: f64 = 2.5e-8;
+const PRODUCT_FLOPS_PER_S: f64 = 3.3e10;
+const DECOMPOSITION_FLOPS_PER_S: f64 = 1.5e10;
 const STORE_BYTES_PER_S: f64 = 8e9;
+/// Beyond the caches, where pages are new.
+const NEW_BYTES_PER_S: f64 = 3e9;
+const CACHED_BYTES: f64 = 1.6e7;
+/// Directions of the data that a smooth prior or rounding leave, however many electrodes.
+const MOST_DIRECTIONS: f64 = 250.0;
 const READ_BYTES_PER_S: f64 = 4.5e10;
 /// Meshing, seconds a node.
 const NODE_S: f64 = 5.5e-6;
@@ -88,7 +93,11 @@ pub(crate) fn of(
         pixels,
         skin_pixels: (skin_share(setup) * (pixels * pixels) as f64).round(),
         // reciprocity leaves L (L - 1) / 2 independent measurements at most; smooth priors fewer
-        rank: m.min(cost.field_products as f64).min(n).min(0.5 * electrodes * (electrodes - 1.0)),
+        rank: m
+            .min(cost.field_products as f64)
+            .min(n)
+            .min(0.5 * electrodes * (electrodes - 1.0))
+            .min(MOST_DIRECTIONS),
     };
     let mut stages = sizes.model();
     match method {
@@ -118,6 +127,8 @@ impl Sizes<'_> {
         let solves = cost.field_solves as f64;
         let sweep = 2.0 * entries * solves;
         let products = 3.0 * cost.field_products as f64 * n;
+        let store_rate =
+            if 8.0 * m * n > CACHED_BYTES { NEW_BYTES_PER_S } else { STORE_BYTES_PER_S };
         vec![
             Stage {
                 name: "mesh",
@@ -147,7 +158,7 @@ impl Sizes<'_> {
                 size: format!("[{m}, {n}], {} fields, {} products", solves, cost.field_products),
                 flops: sweep + products,
                 bytes: 8.0 * m * n,
-                time_s: sweep / SWEEP_FLOPS_PER_S + 8.0 * m * n / STORE_BYTES_PER_S,
+                time_s: sweep / SWEEP_FLOPS_PER_S + 8.0 * m * n / store_rate,
                 why: format!(
                     "{} patterns span {solves} fields; reciprocal measurements share a product",
                     setup.protocol.stimulations_a().nrows()

@@ -153,6 +153,7 @@ fn one(
     let scene = Scene::load(case.scene)?;
     let forward = match forward {
         Some(forward) => forward,
+        None if args.plans => ForwardCourse::default(),
         None => progress.steps("forward problem", size.nodes.len(), |bar| {
             forward::course(&scene, (size, args.peers.as_deref()), floors, bar)
         })?,
@@ -167,7 +168,9 @@ fn one(
     // nets know the fabric: on other fingers they are judged by --denoise
     let nets = if case.is_fabric { nets(&scene, judge, &args.weights)? } else { Vec::new() };
     let (mut courses, mut failures, mut recordings) = (Vec::new(), Vec::new(), Vec::new());
-    for recording in recorded((case, 0), judge, size, progress)? {
+    let recorded_now =
+        if args.plans { Vec::new() } else { recorded((case, 0), judge, size, progress)? };
+    for recording in recorded_now {
         let peers = args.peers.as_deref();
         let lane =
             Lane { benches: &benches, recording: &recording, size, floors, nets: &nets, peers };
@@ -177,11 +180,12 @@ fn one(
         courses.push(found);
         recordings.push(recording);
     }
-    let frames = recordings[0].truth.nrows();
-    let (rows, missing) = merged::rows((case, frames), &courses, &floors.machine);
-    failures.extend(missing.into_iter().map(|name| (name, "one", "the other failed".to_owned())));
     // recordings that no table has seen
     let others = recorded((case, 1), judge, size, progress)?;
+    let shown = &others[0];
+    let frames = shown.truth.nrows();
+    let (rows, missing) = merged::rows((case, frames), &courses, &floors.machine);
+    failures.extend(missing.into_iter().map(|name| (name, "one", "the other failed".to_owned())));
     let promises = progress.stage("the plan", || promise::of(judge, &others, floors))?;
     let touched = match case.is_fabric {
         true => "of one finger and of two".to_owned(),
@@ -192,9 +196,9 @@ fn one(
          {pixels} x {pixels} pixels",
         case.name,
         case.what,
-        recordings[0].truth.nrows(),
+        frames,
         if case.is_still { "" } else { "s" },
-        recordings[0].simulated.nodes,
+        shown.simulated.nodes,
         judge.setup.mesh.surface().nodes().len(),
         pixels = judge.raster.pixels(),
     );

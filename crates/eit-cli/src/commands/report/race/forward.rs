@@ -40,7 +40,7 @@ pub(super) struct ForwardPoint {
 }
 
 /// A scene's meshes.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct ForwardCourse {
     /// What the error is against.
     pub reference: String,
