@@ -230,7 +230,7 @@ fn check_electrodes(
 
 /// A wish that `f64` results can meet.
 pub(crate) fn check_accuracy(required_accuracy: f64) -> Result<(), FemError> {
-    if required_accuracy >= 4.0 * f64::EPSILON && required_accuracy < 1.0 {
+    if (4.0 * f64::EPSILON..1.0).contains(&required_accuracy) {
         return Ok(());
     }
     Err(FemError::OutOfRange {

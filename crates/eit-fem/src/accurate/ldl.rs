@@ -23,7 +23,7 @@ impl Rows {
         let mut last = None;
         for (place, value) in entries {
             match rows.values.last_mut() {
-                Some(sum) if last == Some(place) => *sum = *sum + value,
+                Some(sum) if last == Some(place) => *sum += value,
                 _ => {
                     rows.starts[place.0 as usize + 1] += 1;
                     rows.columns.push(place.1);
@@ -89,10 +89,10 @@ impl Ldl {
                 let to = from + filled[i];
                 for (at, l) in factor.rows[from..to].iter().zip(&factor.values[from..to]) {
                     let target = &mut row[*at as usize];
-                    *target = *target - *l * value;
+                    *target -= *l * value;
                 }
                 let l = value / factor.pivots[i];
-                pivot = pivot - l * value;
+                pivot -= l * value;
                 factor.rows[to] = k as u32;
                 factor.values[to] = l;
                 filled[i] += 1;
@@ -123,18 +123,18 @@ impl Ldl {
             for at in self.starts[j]..self.starts[j + 1] {
                 let below = (self.rows[at] as usize - j - 1) * count;
                 for (t, v) in tail[below..below + count].iter_mut().zip(own) {
-                    *t = *t - self.values[at] * *v;
+                    *t -= self.values[at] * *v;
                 }
             }
         }
         for j in (0..unknowns).rev() {
             let (head, tail) = x.split_at_mut((j + 1) * count);
             let own = &mut head[j * count..];
-            own.iter_mut().for_each(|v| *v = *v / self.pivots[j]);
+            own.iter_mut().for_each(|v| *v /= self.pivots[j]);
             for at in self.starts[j]..self.starts[j + 1] {
                 let below = (self.rows[at] as usize - j - 1) * count;
                 for (v, t) in own.iter_mut().zip(&tail[below..below + count]) {
-                    *v = *v - self.values[at] * *t;
+                    *v -= self.values[at] * *t;
                 }
             }
         }

@@ -217,11 +217,12 @@ impl Transfer {
         let (mut values, mut bounds) = (Vec::new(), Vec::new());
         for k in 0..count {
             for l in 0..count {
-                let products = (0..places.count).map(|i| fields.row(i)[k] * residual.row(i)[l]);
-                let correction = products.fold(number(0.0), |sum, p| sum + p);
-                values.push(fields.row(places.inner + k)[l] + correction);
+                // sixteen digits of a term that starts at the thirtieth
+                let products = (0..places.count).map(|i| fields.row(i)[k].0 * residual.row(i)[l].0);
+                let correction: f64 = products.sum();
+                values.push(fields.row(places.inner + k)[l] + number(correction));
                 let rounded = 2.0 * rounding * sensitivities[k * count + l];
-                bounds.push(correction.0.abs() + rounded);
+                bounds.push(correction.abs() + rounded);
             }
         }
         let ratio = |(r, s): (&Number, &f64)| if *s > 0.0 { r.0.abs() / s } else { 0.0 };

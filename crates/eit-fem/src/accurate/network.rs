@@ -198,7 +198,7 @@ fn merge(mut terms: Combination) -> Combination {
     let mut merged: Combination = Vec::with_capacity(terms.len());
     for (i, c) in terms {
         match merged.last_mut() {
-            Some(last) if last.0 == i => last.1 = last.1 + c,
+            Some(last) if last.0 == i => last.1 += c,
             _ => merged.push((i, c)),
         }
     }
