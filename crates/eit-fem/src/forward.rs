@@ -164,8 +164,8 @@ impl ForwardModel {
     /// The cheapest path that meets it is taken: the textbook assembly where
     /// [`SolveReport::expected_loss`](crate::SolveReport::expected_loss) suffices, else twice the
     /// precision with means and deviations on electrodes (module `accurate`), which also serves
-    /// shunts and ideal current sources. The second path allocates, and costs 20 to 100 times the
-    /// first.
+    /// shunts and ideal current sources. The second path allocates, and costs some hundred
+    /// times the first: 0.2 s at 2 000 nodes on a loaded machine.
     ///
     /// # Errors
     /// Those of [`ForwardModel::solve`]; an accuracy that is not between `4 eps` and 1;

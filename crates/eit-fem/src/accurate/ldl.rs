@@ -45,10 +45,15 @@ pub(super) struct Ldl {
     pivots: Vec<Number>,
 }
 
+/// A pivot below this part of its diagonal has lost too much to be trusted: of the 104 bits 30 must
+/// be left. The bound of the voltages relies on it: a pivot of rounding alone would hold its unknown
+/// near zero in every field, where no residual weighs anything.
+const LOST: f64 = f64::EPSILON * f64::EPSILON * (1u64 << 30) as f64;
+
 const NONE: u32 = u32::MAX;
 
 impl Ldl {
-    /// Factorises; the row of a pivot that is not positive is the error.
+    /// Factorises; the row of a pivot that rounding may have made is the error.
     pub fn new(matrix: &Rows) -> Result<Self, usize> {
         let unknowns = matrix.starts.len() - 1;
         let (parents, starts) = tree(matrix);
@@ -65,12 +70,14 @@ impl Ldl {
         let (mut path, mut pattern) = (Vec::new(), Vec::new());
         for k in 0..unknowns {
             let mut pivot = number(0.0);
+            let mut diagonal = 0.0;
             flags[k] = k as u32;
             pattern.clear();
             for at in matrix.starts[k]..matrix.starts[k + 1] {
                 let mut i = matrix.columns[at] as usize;
                 if i == k {
                     pivot = matrix.values[at];
+                    diagonal = pivot.0;
                     continue;
                 }
                 row[i] = matrix.values[at];
@@ -97,7 +104,8 @@ impl Ldl {
                 factor.values[to] = l;
                 filled[i] += 1;
             }
-            if !(pivot.0 > 0.0 && pivot.0.is_finite()) {
+            let sound = pivot.0 > 0.0 && pivot.0 >= LOST * diagonal && pivot.0.is_finite();
+            if !sound {
                 return Err(k);
             }
             factor.pivots[k] = pivot;

@@ -18,8 +18,9 @@
 //! transfer value `mu_k` under current `l` is `e_k^T x_l + x_k^T r_l + (A^-1 r_k)^T r_l`. The second
 //! term is computed and added; the third is the product of two errors. The bound is the size of the
 //! second term and twice the rounding of every step in it, `gamma sum_b size_b (|t_k| a_l + a_k
-//! |t_l|)` over branches with `t = e_b . x`, `a = |e_b| . |x|`. It assumes that the third term is
-//! below the second: that the factor has at least one right digit of its 32.
+//! |t_l|)` over branches with `t = e_b . x`, `a = |e_b| . |x|`. It takes the third term to
+//! be below the second, which holds while the factor has right digits: a pivot that keeps fewer than
+//! 30 of its 104 bits is refused ([`ldl`]).
 
 mod ldl;
 mod network;
