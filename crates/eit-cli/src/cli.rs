@@ -1,10 +1,13 @@
-//! The command line.
+//! The command line. Long because what `--help` says is one list: every command and its arguments.
 
 mod live;
+mod report;
 
 pub(crate) use live::{
-    CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, RecordArgs, ReplayArgs, WatchArgs,
+    CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, QUIET, RecordArgs, ReplayArgs,
+    WatchArgs,
 };
+pub(crate) use report::{ReportArgs, TouchPart};
 
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
@@ -18,7 +21,7 @@ use std::path::PathBuf;
     after_help = "A SCENE is a TOML file or the name of a built-in scene: paper-disc, stiff-contact, \
         high-contrast, general-32, single-frame.\n\n\
         First steps:\n  \
-        eit demo --out demo                    simulate two fingers, reconstruct, draw\n  \
+        eit demo                               a simulated skin, from voltages to touches\n  \
         eit plan paper-disc                    what a scene needs, and what it will cost\n  \
         eit plan paper-disc --print-scene      a scene file to start from\n  \
         eit mesh paper-disc --out skin.png     look at the mesh\n  \
@@ -46,7 +49,16 @@ pub(crate) struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
-    /// Simulate a touched skin on one mesh, reconstruct on another, write the pictures.
+    /// The paper's two experiments on a simulated fabric, from the voltages to the touches.
+    ///
+    /// Simulates one finger and two fingers on a stretched fabric, sends the frames through an emulated
+    /// instrument on a pseudo-terminal (TCP where there is none), reads and records them by its driver,
+    /// reconstructs them by total variation as they come, denoises them with the U-net, follows the
+    /// touches. Writes report.html (opens by double click; needs no network), its pictures, and
+    /// recordings that `eit replay` turns into the same images to the bit.
+    ///
+    /// A folder that holds other things than an earlier demo is refused without --force. Ctrl-C ends
+    /// it: recordings and images so far are whole, and named.
     Demo(DemoArgs),
     /// Show what a scene needs, what is left out and why, with sizes and costs.
     Plan(PlanArgs),
@@ -124,8 +136,10 @@ pub(crate) enum Command {
     /// Show touches of a live instrument as they happen.
     ///
     /// The first frames are the reference: touch nothing until it says so. After the instrument
-    /// was lost and found again, a new reference is taken. One-step images at noise figure 1, as
-    /// `eit reconstruct` finds touches in; --picture draws the latest image again and again.
+    /// was lost and found again, a new reference is taken. --picture draws the latest image again and
+    /// again. Where the scene's method is st-tv or tv, images are total variation over the last frames;
+    /// with denoise.weights the U-net follows, and touches are found in its images. Otherwise: one
+    /// step at noise figure 1.
     ///
     /// Example: eit live my.toml --picture now.png
     Live(LiveArgs),
@@ -163,6 +177,12 @@ pub(crate) struct DemoArgs {
     /// Folder for the results.
     #[arg(long, value_name = "DIR", default_value = "demo-out")]
     pub out: PathBuf,
+    /// Write into a folder that holds other things, too.
+    #[arg(long)]
+    pub force: bool,
+    /// Fewer frames, pixels and nodes: seconds, as a check.
+    #[arg(long)]
+    pub quick: bool,
 }
 
 /// `eit plan`
@@ -176,64 +196,6 @@ pub(crate) struct PlanArgs {
     /// Print the scene file itself instead, as a start for one's own.
     #[arg(long)]
     pub print_scene: bool,
-}
-
-/// `eit report`
-#[derive(Debug, Args)]
-pub(crate) struct ReportArgs {
-    /// Folder for the results.
-    #[arg(long, value_name = "DIR", default_value = "report-out")]
-    pub out: PathBuf,
-    /// Fewer frames, pixels and movies: seconds instead of minutes, as a check.
-    #[arg(long)]
-    pub quick: bool,
-    /// Figures of merit over noise, speed and touches instead of error against time.
-    #[arg(long)]
-    pub quality: bool,
-    /// Touches instead of images: position error beside its bound, moving electrodes, two-point
-    /// discrimination, tracks, GREIT figures, latency; or the parts named, as in
-    /// --touches=position,pairs.
-    #[arg(long, conflicts_with = "quality", value_name = "PARTS", value_delimiter = ',')]
-    #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "all")]
-    pub touches: Vec<TouchPart>,
-    /// What U-nets make of images: error before and after, touches lost and invented, on scripts
-    /// and fabrics that they were not trained on, and on frames like none they have seen.
-    #[arg(long, conflicts_with_all = ["quality", "touches"])]
-    pub denoise: bool,
-    /// Only these scenes of the error-against-run-time report: paper-disc-60, paper-disc-40,
-    /// stiff-contact, high-contrast, general-32, single-frame.
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    #[arg(conflicts_with_all = ["quality", "touches", "denoise"])]
-    pub scenes: Vec<String>,
-    /// Also run NumPy, SciPy and, where installed, CHOLMOD and pyEIT on the same problems, with this
-    /// Python.
-    #[arg(long, value_name = "PYTHON", conflicts_with_all = ["quality", "touches", "denoise"])]
-    pub peers: Option<PathBuf>,
-    /// U-nets to compare: "default", or a file of `eit train`; more than once for more.
-    #[arg(long, value_name = "W", default_value = "default")]
-    pub weights: Vec<String>,
-    /// Method of the raw images for --denoise [default: st-tv].
-    #[arg(long, requires = "denoise", value_name = "METHOD")]
-    pub method: Option<String>,
-}
-
-/// Parts of `eit report --touches`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum TouchPart {
-    /// Every part.
-    All,
-    /// Position error of one touch beside its bound.
-    Position,
-    /// The same when electrodes move.
-    Movement,
-    /// Two-point discrimination.
-    Pairs,
-    /// Fingers followed over time.
-    Tracks,
-    /// GREIT figures of merit.
-    Greit,
-    /// Time from a frame to its touches.
-    Latency,
 }
 
 /// `eit mesh`

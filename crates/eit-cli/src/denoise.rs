@@ -2,9 +2,11 @@
 
 mod chain;
 mod check;
+mod live;
 
 pub(crate) use chain::{Chain, Chained};
 pub(crate) use check::{Check, Checked};
+pub(crate) use live::LiveNet;
 
 use crate::error::CliError;
 use crate::pipeline::DEFAULT_PIXELS;
@@ -95,18 +97,6 @@ impl Net {
             }
             Ok(Some(Checked { limit, scores }))
         })
-    }
-
-    /// Replaces images as [`Net::apply`] does without a check; seconds that the net alone took.
-    pub fn time_of(&self, images: &mut Array3<f64>, raster: &Raster) -> Result<f64, CliError> {
-        let turned = |v: f64| self.sign * v;
-        let raw = ImageStack::new(images.mapv(turned), raster.mask().clone())?;
-        let mut net = Denoiser::new(&self.weights, raster.mask().view())?;
-        let start = std::time::Instant::now();
-        let made = net.denoise(&raw)?;
-        let seconds = start.elapsed().as_secs_f64();
-        *images = made.into_parts().0.mapv_into(turned);
-        Ok(seconds)
     }
 
     /// Size of the net.

@@ -92,9 +92,9 @@ pub(crate) fn choose(
         return taken(Method::parse("--method", name)?, "asked for");
     }
     if let Some(name) = &keys.method {
-        let why = match keys.frame_time_s {
-            None => "stated in the scene",
-            Some(_) => "the least error within frame_time_s, as far as the scene leaves it open",
+        let why = match keys.chosen_in_time {
+            true => "the least error within frame_time_s",
+            false => "stated in the scene",
         };
         return taken(Method::parse("reconstruction.method", name)?, why);
     }

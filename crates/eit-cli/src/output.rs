@@ -1,6 +1,10 @@
 //! Files are written beside their place and renamed, so that nothing half-written is ever seen
 //! and nothing already there is lost. Whether a place is writable is found before computing.
 
+mod stack;
+
+pub(crate) use stack::ImageFile;
+
 use crate::error::CliError;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -72,10 +76,24 @@ impl OutFolder {
         name: &'static str,
         content: impl FnOnce(&mut dyn Write) -> Result<(), CliError>,
     ) -> Result<(), CliError> {
-        let place = self.path.join(name);
-        let mut writer =
-            BufWriter::new(temporary_in(&self.path).map_err(|e| CliError::at(&place, e))?);
+        let mut writer = self.begin(name)?;
         content(&mut writer)?;
+        self.end(name, writer)
+    }
+
+    /// Begins a file of the folder that grows for a while; [`end`](Self::end) ends it.
+    pub fn begin(&self, name: &'static str) -> Result<BufWriter<NamedTempFile>, CliError> {
+        let place = self.path.join(name);
+        Ok(BufWriter::new(temporary_in(&self.path).map_err(|e| CliError::at(&place, e))?))
+    }
+
+    /// Ends a file that [`begin`](Self::begin) has begun, still under a temporary name.
+    pub fn end(
+        &mut self,
+        name: &'static str,
+        writer: BufWriter<NamedTempFile>,
+    ) -> Result<(), CliError> {
+        let place = self.path.join(name);
         let temporary = writer.into_inner().map_err(|e| CliError::at(&place, e.error()))?;
         self.files.push((name, temporary));
         Ok(())

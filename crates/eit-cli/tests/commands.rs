@@ -4,7 +4,7 @@
 mod common;
 
 use common::{SMALL, succeed, text, write_scene};
-use ndarray::{Array1, Array2, Array3};
+use ndarray::{Array1, Array2};
 use serde_json::Value;
 
 #[test]
@@ -84,55 +84,39 @@ fn mesh_file_forward_and_jacobian_agree() {
     assert!(error < 0.02 * largest, "{error:e} of {largest:e}");
 }
 
-/// The demo finds the finger: chain, pictures and report.
-#[test]
-fn demo_finds_the_fingers() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("demo");
-    let answer = succeed(&["demo", "--out", text(&out), "--json"]);
-    let json: Value = serde_json::from_str(&answer).unwrap();
-    let scores = &json["scores"];
-    // measured 0.4 mm and 0.90 / 0.89: one pixel is 3.1 mm
-    assert!(scores["one_finger_position_error_m"].as_f64().unwrap() < 2e-3, "{scores}");
-    assert!(scores["one_finger_correlation"].as_f64().unwrap() > 0.8, "{scores}");
-    assert!(scores["two_fingers_correlation"].as_f64().unwrap() > 0.8, "{scores}");
-    let images: Array3<f64> = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
-    assert_eq!(images.shape(), [40, 64, 64]);
-    assert!(images[[0, 0, 0]].is_nan(), "corners lie outside the disc");
-    for name in ["sheet.png", "truth_and_image.png", "movie.gif", "report.json", "frames.npy"] {
-        assert!(std::fs::metadata(out.join(name)).unwrap().len() > 1000, "{name}");
-    }
+/// Few frames of the simulated fabric: frames.npy, and their scene.
+fn simulated(folder: &std::path::Path) -> std::path::PathBuf {
+    let out = folder.join("simulated");
+    let more = ["--frames", "30", "--nodes", "2500", "--out", text(&out)];
+    succeed(&[&["simulate", "paper-disc", "--script", "paper-two-fingers"], &more[..]].concat());
+    out
 }
 
-/// Frames written by the demo reconstruct to the demo's own images, bit for bit, and again.
+/// Frames reconstruct to the same images, bit for bit, every time.
 #[test]
-fn reconstruct_repeats_the_demo_from_its_files() {
+fn reconstruct_repeats_itself() {
     let folder = tempfile::tempdir().unwrap();
-    let demo = folder.path().join("demo");
-    succeed(&["demo", "--out", text(&demo)]);
-    let (frames, reference) = (demo.join("frames.npy"), demo.join("reference.npy"));
+    let scene = simulated(folder.path()).join("scene.toml");
     let run = |name: &str| {
         let out = folder.path().join(name);
-        let (frames, reference) = (text(&frames), text(&reference));
-        let arguments = ["--frames", frames, "--reference", reference, "--out", text(&out)];
-        succeed(&[&["reconstruct", "paper-disc"], &arguments[..]].concat());
+        succeed(&["reconstruct", text(&scene), "--out", text(&out)]);
         std::fs::read(out.join("images.npy")).unwrap()
     };
-    let first = run("a");
-    assert!(first == run("b"), "two runs differ");
-    assert!(first == std::fs::read(demo.join("images.npy")).unwrap(), "the demo differs");
+    assert!(run("a") == run("b"), "two runs differ");
 }
 
 /// A transposed table with the key that the refusal names gives the same images.
 #[test]
 fn frames_in_columns_need_their_key_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
-    let demo = folder.path().join("demo");
-    succeed(&["demo", "--out", text(&demo)]);
-    let frames: Array2<f64> = ndarray_npy::read_npy(demo.join("frames.npy")).unwrap();
+    let simulated = simulated(folder.path());
+    let frames: Array2<f64> = ndarray_npy::read_npy(simulated.join("frames.npy")).unwrap();
     let turned = folder.path().join("turned.npy");
     ndarray_npy::write_npy(&turned, &frames.t().to_owned()).unwrap();
-    let (out, reference) = (folder.path().join("out"), demo.join("reference.npy"));
+    let (out, plain_out) = (folder.path().join("out"), folder.path().join("plain"));
+    let frames = simulated.join("frames.npy");
+    let plain = ["--frames", text(&frames), "--reference", "0", "--out", text(&plain_out)];
+    succeed(&[&["reconstruct", "paper-disc"], &plain[..]].concat());
     let scene = succeed(&["plan", "paper-disc", "--print-scene"]);
     let scene = format!("{scene}\n[recording]\nframes_are = \"columns\"\n");
     let (keyed, plain) = (write_scene(folder.path(), &scene), text(&turned));
@@ -153,11 +137,11 @@ fn frames_in_columns_need_their_key_and_nothing_else() {
         "--frames",
         plain,
         "--reference",
-        text(&reference),
+        "0",
         "--out",
         text(&out),
     ]);
-    let [one, other] = [&out, &demo].map(|f| std::fs::read(f.join("images.npy")).unwrap());
+    let [one, other] = [&out, &plain_out].map(|f| std::fs::read(f.join("images.npy")).unwrap());
     assert!(one == other);
 }
 

@@ -423,6 +423,44 @@ fn plan_tells_the_method_and_why() {
     }
 }
 
+/// A resistive skin and one frame need no complex numbers, no time, no net and no instrument, whatever
+/// the method; each comes back where the scene asks for it. `eit-inverse`'s test `one_frame` shows the
+/// same of a program.
+#[test]
+fn plan_of_one_frame_leaves_out_what_it_does_not_need() {
+    let folder = tempfile::tempdir().unwrap();
+    let row = |k: usize| (0..40).map(|i| (1 + k * i % 7).to_string()).collect::<Vec<_>>().join(",");
+    std::fs::write(folder.path().join("one.csv"), row(0)).unwrap();
+    std::fs::write(folder.path().join("many.csv"), [0, 1, 2, 3].map(row).join("\n")).unwrap();
+    let left_out = |more: &str| {
+        let scene = write_scene(folder.path(), &format!("{SMALL}\n{more}"));
+        let json: Value =
+            serde_json::from_str(&succeed(&["plan", text(&scene), "--json"])).unwrap();
+        let list = json["left_out"].as_array().unwrap();
+        let names: Vec<String> = list.iter().map(|l| l["what"].as_str().unwrap().into()).collect();
+        assert!(list.iter().all(|l| !l["why"].as_str().unwrap().is_empty()), "{list:?}");
+        (json["method"].as_str().unwrap().to_owned(), names)
+    };
+    let all = ["complex arithmetic", "time coupling", "U-net", "instrument"];
+    let missing = |names: &[String]| all.map(|what| !names.iter().any(|name| name == what));
+    let noise = "[noise]\nadditive_v = 1e-6\n";
+    let recording = |file| format!("[recording]\nfile = \"{file}.csv\"\nreference = 0\n");
+    for (scene, method) in
+        [(recording("one"), "gauss-newton"), (format!("{noise}{}", recording("one")), "tv")]
+    {
+        let (chosen, names) = left_out(&scene);
+        assert_eq!((chosen.as_str(), missing(&names)), (method, [false; 4]), "{names:?}");
+    }
+    let more =
+        "[denoise]\nweights = \"default\"\nany_skin = true\n[instrument]\ndriver = \"emulator\"\n";
+    let (chosen, names) = left_out(&format!("{noise}{}{more}", recording("many")));
+    assert_eq!(
+        (chosen.as_str(), missing(&names)),
+        ("st-tv", [false, true, true, true]),
+        "{names:?}"
+    );
+}
+
 /// The whole comparison in seconds: every method is in it, and every file.
 #[test]
 fn report_compares_every_method() {

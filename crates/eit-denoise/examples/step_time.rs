@@ -133,7 +133,7 @@ fn own_image_s(
     let mut net = Denoiser::new(weights, mask.view())?;
     let mut out = Array2::zeros(mask.dim());
     least_s(Engine::Own, budget_s, || {
-        net.push_into(raw.index_axis(ndarray::Axis(0), 0), out.view_mut())
+        net.push_into(raw.index_axis(ndarray::Axis(0), 0), out.view_mut()).map(|_| ())
     })
 }
 

@@ -24,4 +24,4 @@ pub use train::{Engine, Epoch, Examples, PixelTurn, Stepper, TrainSettings, Trai
 #[cfg(feature = "unet")]
 pub use trust::{Evidence, Misfit};
 #[cfg(feature = "unet")]
-pub use unet::{Denoiser, UnetShape, Weights};
+pub use unet::{Denoiser, NetStatus, UnetShape, Weights};

@@ -5,8 +5,8 @@
 mod common;
 
 use common::{convolutions, direct, disc, touched, weights};
-use eit_denoise::{DenoiseError, Denoiser, ImageStack, UnetShape, Weights};
-use ndarray::{Array2, Array3, Axis};
+use eit_denoise::{DenoiseError, Denoiser, ImageStack, NetStatus, UnetShape, Weights};
+use ndarray::{Array2, Array3, ArrayView2, Axis, ShapeBuilder};
 use std::hint::black_box;
 
 const SHAPES: [UnetShape; 4] = [
@@ -96,6 +96,45 @@ fn scale_passes_through_and_zero_stays_zero() {
     assert_eq!(net.denoise(&zero).unwrap().max_abs(), 0.0);
 }
 
+/// Zeros that are told at a glance, and zeros that take the long way (an array by columns): the same
+/// bits and the same sequence after them. A net with a history looks at zeros as long as it remembers
+/// anything else.
+#[test]
+fn zeros_cost_no_net_and_change_no_bit() {
+    let mask = disc(24, 24);
+    let frames = touched(4, &mask);
+    let shape = UnetShape { history: 3, width: 4, depth: 2 };
+    let mut net = Denoiser::new(&weights(shape, [24, 24]), mask.view()).unwrap();
+    let mut other = net.clone();
+    // whatever stands outside is not looked at
+    let mut zero = mask.mapv(|inside| if inside { -0.0 } else { 7.0 });
+    zero[[12, 12]] = 0.0;
+    let mut by_columns = Array2::zeros((24, 24).f());
+    let bits = |image: ArrayView2<'_, f64>| image.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    let images = [0, 1, 9, 9, 9, 9, 2, 9, 3];
+    let mut found = Vec::new();
+    for k in images {
+        let image = if k == 9 { zero.view() } else { frames.index_axis(Axis(0), k) };
+        let mut out = Array2::from_elem((24, 24), 5.0);
+        let status = net.push_into(image, out.view_mut()).unwrap();
+        by_columns.assign(&image);
+        let mut long_way = Array2::from_elem((24, 24).f(), 5.0);
+        let other = other.push_into(by_columns.view(), long_way.view_mut()).unwrap();
+        assert_eq!(status, other);
+        assert_eq!(bits(out.view()), bits(long_way.view()));
+        let all_zero = out.iter().zip(&mask).all(|(v, inside)| !inside || v.to_bits() == 0);
+        assert_eq!(status == NetStatus::Zero, all_zero, "image {k}");
+        found.push(status == NetStatus::Zero);
+    }
+    assert_eq!(found, [false, false, false, false, true, true, false, false, false]);
+    net.reset();
+    let mut out = Array2::zeros((24, 24));
+    assert_eq!(net.push_into(zero.view(), out.view_mut()).unwrap(), NetStatus::Zero);
+    zero[[12, 12]] = f64::NAN;
+    let refused = net.push_into(zero.view(), out.view_mut()).unwrap_err();
+    assert!(refused.to_string().contains("frame 1 holds NaN at row 12, column 12"), "{refused}");
+}
+
 #[test]
 fn allocates_nothing_after_set_up() {
     let mask = disc(64, 64);
@@ -126,7 +165,7 @@ fn bad_images_are_refused_and_leave_the_sequence_as_it_was() {
     let mut wanted = out.clone();
     undisturbed.push_into(frame(1), wanted.view_mut()).unwrap();
 
-    let says = |result: Result<(), DenoiseError>, text: &str| {
+    let says = |result: Result<NetStatus, DenoiseError>, text: &str| {
         let message = result.unwrap_err().to_string();
         assert!(message.contains(text), "{message}");
     };
@@ -138,7 +177,7 @@ fn bad_images_are_refused_and_leave_the_sequence_as_it_was() {
     let flat = Array2::from_elem((16, 16), 2.5);
     says(net.push_into(flat.view(), out.view_mut()), "frame 1: the image is 2.5 all over the skin");
     let other = ImageStack::new(Array3::zeros((1, 16, 16)), Array2::from_elem((16, 16), true));
-    says(net.denoise(&other.unwrap()).map(drop), "of another skin");
+    says(net.denoise(&other.unwrap()).map(|_| NetStatus::Zero), "of another skin");
 
     net.push_into(frame(1), out.view_mut()).unwrap();
     let bits = |a: &Array2<f64>| a.iter().map(|v| v.to_bits()).collect::<Vec<_>>();

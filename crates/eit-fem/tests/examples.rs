@@ -13,3 +13,16 @@ fn forward_example() {
     assert!(change_v > 1e-4, "{change_v} V");
     assert!(unexplained > 1e-3 && unexplained < 1e-2, "{unexplained}");
 }
+
+#[cfg(feature = "fabric")]
+#[path = "../examples/fabric.rs"]
+#[allow(dead_code, reason = "main of the example is not called here")]
+mod fabric;
+
+/// A finger is far above noise and drift, whose amplitudes `docs/FABRIC.md` has.
+#[cfg(feature = "fabric")]
+#[test]
+fn fabric_example() {
+    let [untouched, touched] = fabric::run().unwrap();
+    assert!(untouched > 0.0 && touched > 10.0 * untouched, "{untouched:e} {touched:e}");
+}

@@ -12,6 +12,8 @@
 mod load;
 #[path = "../examples/read_recording.rs"]
 mod read_recording;
+#[path = "../examples/stream.rs"]
+mod stream;
 
 use std::time::Duration;
 
@@ -48,4 +50,17 @@ fn read_recording_names_the_right_order() {
         }
         other => panic!("{other:?}"),
     }
+}
+
+/// 208 measurements, adjacent: each of the 16 electrodes measures in 26 of them, and of the 60 frames
+/// at least the last 20 come with the last electrode off (it may be more: the instrument counts from
+/// its start, and frames before the session are not ours).
+#[test]
+fn stream_flags_what_the_instrument_could_not_measure_and_records_all() {
+    let folder = tempfile::tempdir().unwrap();
+    let outcome = stream::run(&folder.path().join("skin.mcap"), 60).unwrap();
+    assert_eq!((outcome.frames, outcome.recorded, outcome.same), (60, 60, true));
+    let saturated = outcome.flagged.get("saturated").copied().unwrap_or_default();
+    assert_eq!(outcome.flagged.len(), 1, "{:?}", outcome.flagged);
+    assert!(saturated >= 20 * 26 && saturated % 26 == 0, "{saturated}");
 }

@@ -74,6 +74,17 @@ impl Default for DifferenceSettings {
     }
 }
 
+/// Whether there was anything to compute for a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum FrameStatus {
+    /// The frame differs from its reference: its image was computed.
+    Computed,
+    /// Every measurement that counts equals its reference, bit for bit: the image of a linear map is
+    /// zero then, exactly, and was written without computing it. A tracker can be told so
+    /// ([`TouchStream::push_unchanged`](crate::touch::TouchStream::push_unchanged)).
+    Unchanged,
+}
+
 /// The used measurements of a protocol and their weights.
 #[derive(Debug, Clone)]
 pub(crate) struct Channels {
@@ -151,7 +162,7 @@ impl Channels {
 
     /// Difference data of the used measurements, not weighted, into `difference` `[used]`: zero at
     /// the indices into `used` that `left_out` lists in ascending order, whose values are not
-    /// looked at.
+    /// looked at. Says whether any of it is not zero.
     pub(crate) fn difference_into(
         &self,
         frame_index: usize,
@@ -159,11 +170,20 @@ impl Channels {
         reference_frame: &[f64],
         left_out: &[usize],
         difference: &mut [f64],
-    ) -> Result<(), InverseError> {
+    ) -> Result<FrameStatus, InverseError> {
         check_length("frame", frame.len(), self.count)?;
         check_length("reference frame", reference_frame.len(), self.count)?;
         let normalised = self.normalised();
+        // nearly always over at the first measurement
+        let mut used = self.used.iter().map(|&i| (frame[i], reference_frame[i]));
+        if left_out.is_empty()
+            && used.all(|(v, r)| v == r && v.is_finite() && !(normalised && v == 0.0))
+        {
+            difference.fill(0.0);
+            return Ok(FrameStatus::Unchanged);
+        }
         let mut left_out = left_out.iter().peekable();
+        let mut changed = false;
         for (k, (dv, &measurement)) in difference.iter_mut().zip(&self.used).enumerate() {
             if left_out.next_if_eq(&&k).is_some() {
                 *dv = 0.0;
@@ -189,8 +209,9 @@ impl Channels {
                 let (frame, value) = (frame_index, *dv);
                 return Err(InverseError::NonFiniteData { frame, measurement, value });
             }
+            changed |= *dv != 0.0;
         }
-        Ok(())
+        Ok(if changed { FrameStatus::Computed } else { FrameStatus::Unchanged })
     }
 }
 

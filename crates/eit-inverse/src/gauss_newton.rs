@@ -4,7 +4,7 @@ mod report;
 
 pub use report::Report;
 
-use crate::data::{Channels, check_positive};
+use crate::data::{Channels, FrameStatus, check_positive};
 use crate::hyperparameter::{Chosen, HyperparameterChoice, HyperparameterStatus};
 use crate::spectrum::Spectrum;
 use crate::whitened::{covariance_times, weighted_rows};
@@ -224,7 +224,7 @@ impl Difference {
         reference_frame: &[f64],
         workspace: &mut Workspace,
         image: &mut [f64],
-    ) -> Result<(), InverseError> {
+    ) -> Result<FrameStatus, InverseError> {
         self.reconstructor.reconstruct_into(frame, reference_frame, workspace, image)
     }
 

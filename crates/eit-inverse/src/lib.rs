@@ -4,6 +4,7 @@ pub mod baseline;
 mod data;
 mod error;
 mod gauss_newton;
+#[cfg(feature = "st-tv")]
 mod gradient;
 mod hyperparameter;
 mod left_out;
@@ -13,13 +14,15 @@ pub mod prior;
 mod reconstructor;
 mod reference;
 mod spectrum;
+#[cfg(feature = "st-tv")]
 mod st_tv;
 pub mod touch;
 mod whitened;
 
-pub use data::{DifferenceData, DifferenceSettings};
+pub use data::{DifferenceData, DifferenceSettings, FrameStatus};
 pub use error::InverseError;
 pub use gauss_newton::{Difference, Report};
+#[cfg(feature = "st-tv")]
 pub use gradient::Gradient;
 pub use hyperparameter::{
     Chosen, CurvePoint, HyperparameterChoice, HyperparameterStatus, NoiseTarget,
@@ -30,6 +33,7 @@ pub use movie::{
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
 pub use reconstructor::{Reconstructor, Workspace};
 pub use reference::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};
+#[cfg(feature = "st-tv")]
 pub use st_tv::{
     ChosenWeights, Fidelity, StTv, StTvSettings, StTvStream, Stop, StreamSettings, StreamStep,
     WeightPoint, WeightStatus, noise_std_of_quiet_frames,

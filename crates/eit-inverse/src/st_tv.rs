@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `batch` | [`StTv`]: set-up, whole sequences |
 //! | `stream`, `window` | [`StTvStream`]: a sliding window |
-//! | `weights` | weights and quiet frames from the noise |
+//! | `weights`, `quiet` | weights from the noise, frames that hold nothing else |
 //! | `settings` | what a caller states |
 //! | `task`, `run` | one sequence in inner units; the two runs that find image and proof |
 //! | `engine`, `sweep`, `fit`, `step` | one iteration: its state; its passes; the exact data step; step sizes |
@@ -21,6 +21,7 @@ mod kernel;
 mod laplacian;
 mod operators;
 mod passes;
+mod quiet;
 mod run;
 mod scalar;
 mod settings;
@@ -32,6 +33,7 @@ mod weights;
 mod window;
 
 pub use batch::StTv;
+pub use quiet::noise_std_of_quiet_frames;
 pub use settings::{Fidelity, StTvSettings, Stop, StreamSettings};
 pub use stream::{StTvStream, StreamStep};
-pub use weights::{ChosenWeights, WeightPoint, WeightStatus, noise_std_of_quiet_frames};
+pub use weights::{ChosenWeights, WeightPoint, WeightStatus};

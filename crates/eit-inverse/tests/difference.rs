@@ -6,8 +6,8 @@ mod common;
 
 use common::{Random, adjacent, disc, jacobian, relative_difference, solve, target};
 use eit_inverse::{
-    Difference, DifferenceData, DifferenceSettings, Gaussian, GaussianSettings, InverseError,
-    Laplace, LaplaceSettings, Noser, Prior, Tikhonov, metrics,
+    Difference, DifferenceData, DifferenceSettings, FrameStatus, Gaussian, GaussianSettings,
+    InverseError, Laplace, LaplaceSettings, Noser, Prior, Tikhonov, metrics,
 };
 use ndarray::{Array1, Array2, ArrayView2, array};
 use proptest::prelude::*;
@@ -536,5 +536,54 @@ proptest! {
         prop_assert!(image.iter().all(|x| x.is_finite()));
         let residual = inverse.relative_residual(&frame, &vec![0.0; m]).unwrap().unwrap();
         prop_assert!((0.0..=1.0 + 1e-12).contains(&residual));
+    }
+}
+
+/// Against the batch, which always multiplies: to the bit, but for the sign of a zero.
+#[test]
+fn a_frame_that_equals_its_reference_is_zero_without_a_product() {
+    let surface = disc(0.1, 6);
+    let jacobian = jacobian(&surface, 0.1, 8);
+    let mut random = Random(16);
+    let count = jacobian.nrows();
+    let reference: Vec<f64> = (0..count).map(|_| 1.0 + random.uniform()).collect();
+    let mut used = vec![true; count];
+    used[3] = false;
+    let normalised = DifferenceData::Normalised { model_voltages_v: reference.clone() };
+    for data in [DifferenceData::Plain, normalised] {
+        let settings = DifferenceSettings { data, used: Some(used.clone()), ..settings(0.03) };
+        let map = Difference::new(&jacobian, &Tikhonov::new(&surface), settings).unwrap();
+        let map = map.reconstructor();
+        let mut memory = map.workspace();
+        let mut image = vec![f64::NAN; map.image_len()];
+        let mut one = |frame: &[f64], bad: &[usize]| {
+            let status = match bad {
+                [] => map.reconstruct_into(frame, &reference, &mut memory, &mut image),
+                _ => map.reconstruct_without_into(frame, &reference, bad, &mut memory, &mut image),
+            };
+            status.map(|status| (status, image.clone()))
+        };
+        // a measurement that is not used may differ
+        let mut frame = reference.clone();
+        frame[3] = f64::NAN;
+        let (status, image) = one(&frame, &[]).unwrap();
+        assert_eq!(status, FrameStatus::Unchanged);
+        let batch = ArrayView2::from_shape((1, count), &reference).unwrap();
+        let batch = map.reconstruct_frames(batch, &reference).unwrap();
+        assert_eq!(image, batch.row(0).to_vec());
+        // one bit of one measurement is a change, unless it is left out of this frame
+        frame[5] = f64::from_bits(frame[5].to_bits() + 1);
+        let (status, image) = one(&frame, &[]).unwrap();
+        assert_eq!(status, FrameStatus::Computed);
+        assert!(image.iter().any(|x| *x != 0.0));
+        let (status, image) = one(&frame, &[5]).unwrap();
+        assert_eq!(status, FrameStatus::Unchanged);
+        assert!(image.iter().all(|x| *x == 0.0));
+        assert_eq!(one(&frame, &[7]).unwrap().0, FrameStatus::Computed);
+        // equal, but no number
+        frame.copy_from_slice(&reference);
+        frame[5] = f64::NAN;
+        let wrong = one(&frame, &[]);
+        assert!(matches!(wrong, Err(InverseError::NonFiniteData { measurement: 5, .. })));
     }
 }

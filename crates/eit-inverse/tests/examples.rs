@@ -5,6 +5,23 @@
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod difference;
 
+#[cfg(feature = "st-tv")]
+#[path = "../examples/stream.rs"]
+#[allow(dead_code, reason = "main of the example is not called here")]
+mod stream;
+
+/// Each image within a tenth of the radius of the finger; the window of 8 needs 8 untouched
+/// frames to forget it, and the rest of the 16 is free.
+#[cfg(feature = "st-tv")]
+#[test]
+fn stream_example() {
+    let outcome = stream::run().unwrap();
+    assert_eq!(outcome.errors_m.len(), 22);
+    assert!(outcome.errors_m.iter().all(|error_m| *error_m < 0.01), "{:?}", outcome.errors_m);
+    assert!(outcome.worst_gap <= 1e-2, "{}", outcome.worst_gap);
+    assert_eq!(outcome.quiet, 9);
+}
+
 #[path = "../examples/touches.rs"]
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod touches;

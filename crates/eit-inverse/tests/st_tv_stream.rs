@@ -341,3 +341,47 @@ fn a_first_frame_next_to_nothing_does_not_spoil_the_rest() {
         }
     }
 }
+
+/// Frames that equal the reference to the bit: without a stated noise only these are quiet. They are
+/// data as long as the window holds a touch, and nothing once it does not; what comes after is as if
+/// they had been solved for.
+#[test]
+fn frames_that_equal_the_reference_cost_nothing_once_the_window_holds_no_other() {
+    let scene = scene(6, NOISE);
+    let zero = vec![0.0; MEASUREMENTS];
+    for noise_std in [None, Some(vec![NOISE; MEASUREMENTS])] {
+        let settings = StTvSettings { noise_std, ..settings(NOISE) };
+        let solver = StTv::new(&scene.jacobian, &scene.gradient, settings).unwrap();
+        let window = 4;
+        let mut stream = stream_of(&solver, window, 0);
+        for dv in &scene.frames[..3] {
+            assert!(!stream.push(dv, None).unwrap().quiet);
+        }
+        for f in 0..10 {
+            let step = stream.push(&zero, None).unwrap();
+            // the touches leave the window one after the other
+            assert_eq!(step.quiet, f + 1 >= window, "zero frame {f}");
+            assert_eq!(step.iterations == 0, step.quiet);
+            if step.quiet {
+                assert!(step.image.unwrap().iter().all(|x| *x == 0.0), "zero frame {f}");
+                assert_eq!((step.certificate.primal, step.residual), (0.0, 0.0));
+                assert_eq!(stream.window_image(window - 1, 5), Some(0.0));
+            }
+        }
+        // a stream that has rested and one that is new solve the same problems
+        let mut fresh = stream_of(&solver, window, 0);
+        for _ in 0..window {
+            assert!(fresh.push(&zero, None).unwrap().quiet);
+        }
+        for dv in &scene.frames[3..] {
+            let [rested, new] = [&mut stream, &mut fresh].map(|stream| {
+                let step = stream.push(dv, None).unwrap();
+                assert_eq!(step.status, MovieStatus::Converged);
+                step.certificate
+            });
+            // both certified: the intervals of the window's optimum overlap
+            assert!(rested.lower_bound <= new.primal * (1.0 + 1e-9));
+            assert!(new.lower_bound <= rested.primal * (1.0 + 1e-9));
+        }
+    }
+}

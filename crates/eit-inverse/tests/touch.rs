@@ -410,3 +410,45 @@ fn bad_input_is_refused_by_name() {
     let other = TouchStream::new(cells.clone(), few, TouchStreamSettings::default());
     assert!(matches!(other, Err(InverseError::WrongLength { .. })));
 }
+
+/// Three ways to say that nothing is there: told, zeros, and a value of 1e-300 that hides among them
+/// and takes the whole way. Touches, their ends and those that come back are the same.
+#[test]
+fn an_image_of_zeros_is_the_same_whoever_says_so() {
+    let (cells, told) = drawn(settings());
+    let mut streams = [told.clone(), told.clone(), told];
+    let pressed =
+        [bells(&cells, &[[0.03, 0.0], [-0.03, 0.01]], 0.01), bells(&cells, &[[0.0; 2]], 0.01)];
+    let zero = vec![0.0; pressed[0].len()];
+    let mut nearly = zero.clone();
+    nearly[17] = 1e-300;
+    let (mut ends, mut most) = (0, 0);
+    for k in 0..60 {
+        // gaps of one image are forgiven, longer ones end touches
+        let show = match k {
+            0..10 | 12..20 => Some(0),
+            30..40 => Some(1),
+            _ if k > 45 && k % 2 == 0 => Some(0),
+            _ => None,
+        };
+        let time_s = f64::from(k) / 50.0;
+        let found = match show {
+            Some(which) => streams.each_mut().map(|s| s.push(&pressed[which], time_s).unwrap()),
+            None => {
+                let [told, zeros, whole] = streams.each_mut();
+                [
+                    told.push_unchanged(time_s).unwrap(),
+                    zeros.push(&zero, time_s).unwrap(),
+                    whole.push(&nearly, time_s).unwrap(),
+                ]
+            }
+        };
+        assert_eq!(found[0], found[1], "image {k}");
+        assert_eq!(found[0], found[2], "image {k}");
+        ends += found[0].iter().filter(|touch| touch.state == TouchState::End).count();
+        most = most.max(found[0].len());
+    }
+    assert!(ends >= 2 && most == 2, "{ends} ends, {most} at once");
+    let refused = streams[0].push_unchanged(0.0).unwrap_err();
+    assert!(matches!(refused, InverseError::TimeOrder { frame: 60, .. }), "{refused}");
+}

@@ -1,9 +1,9 @@
 //! A skin that is not there: an emulated instrument on TCP, and a finger that presses now and then.
 
-use super::touch_sense::{SHEET_S, model};
+use super::touch_sense::{QUIET, SHEET_S, model};
 use eit_hw::codec::eits1::Information;
 use eit_hw::emulator::{Eits1Device, Emulator, FaultPlan, Listen};
-use eit_hw::{Quadruple, Unit};
+use eit_hw::{Endpoint, Quadruple, Unit};
 use std::error::Error;
 
 /// Where the finger presses, metres, and how wide it is.
@@ -14,8 +14,18 @@ const NOISE_V: f64 = 2e-5;
 /// Frames of a press, and of the pause after it.
 const PRESS: u64 = 25;
 
-/// Starts it; the first frames are quiet.
-pub fn skin(quiet: u64) -> Result<Emulator, Box<dyn Error>> {
+/// The instrument at a port, or without one an emulated skin, which lives as long as it is held.
+pub fn endpoint(port: Option<&str>) -> Result<(Endpoint, Option<Emulator>), Box<dyn Error>> {
+    if let Some(port) = port {
+        return Ok((Endpoint::parse(port, 921_600)?, None));
+    }
+    let skin = skin()?;
+    Ok((skin.endpoint().clone(), Some(skin)))
+}
+
+/// Starts an emulated skin whose first frames are quiet.
+pub fn skin() -> Result<Emulator, Box<dyn Error>> {
+    let quiet = QUIET as u64;
     let (mesh, model, protocol) = model(0.004)?;
     let own = protocol.quadruples().ok_or("a protocol of pairs")?.to_vec();
     let bell = |c: &[f64; 3]| {

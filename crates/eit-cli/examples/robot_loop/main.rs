@@ -1,67 +1,59 @@
-//! A robot that feels: an instrument's frames to touches, and which came too late.
-//!
+//! A robot that feels: its loop ticks at its own rate, whatever the instrument does.
 //! `cargo run --release -p eit-cli --example robot_loop [PORT]`; PORT is a serial port or
-//! `tcp://host:port` of an instrument that speaks EITS-1. Without one, an emulated skin is touched.
-#![allow(missing_docs, reason = "an example is read, not linked against")]
-#![allow(clippy::print_stdout, reason = "an example shows its result")]
+//! `tcp://host:port` that speaks EITS-1. Without one, an emulated skin is touched.
+#![allow(missing_docs, clippy::print_stdout, reason = "an example is read, and shows its result")]
 
-mod emulated;
+pub mod emulated;
 mod touch_sense;
 
-use eit_hw::Endpoint;
-use eit_hw::driver::{Eits1, Event, Overflow, Session, SessionSettings};
-use std::error::Error;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use eit_hw::{Endpoint, driver::Event, driver::Session, driver::SessionSettings};
+use eit_inverse::touch::Touch;
+use std::{error::Error, time::Duration, time::Instant};
 use touch_sense::TouchSense;
 
-const RATE_HZ: f64 = 50.0;
-/// From the last byte of a frame to what the robot does about it.
-const DEADLINE: Duration = Duration::from_millis(20);
-/// Frames before anybody touches: reference and noise.
-const QUIET: usize = 30;
+pub const TICK: Duration = Duration::from_millis(10);
+/// What is not done so long after its tick was due came too late.
+const DEADLINE: Duration = Duration::from_millis(5);
 
-/// Runs for so many frames; touches seen and deadlines missed.
-pub fn run(port: Option<&str>, frames: usize) -> Result<(usize, usize), Box<dyn Error>> {
-    let skin = port.is_none().then(|| emulated::skin(QUIET as u64)).transpose()?;
-    let endpoint = match (port, &skin) {
-        (Some(port), _) => Endpoint::parse(port, 921_600)?,
-        (None, skin) => skin.as_ref().ok_or("no skin")?.endpoint().clone(),
-    };
+/// At every tick `control` gets the newest touches, `None` where the skin is silent or still learns
+/// what untouched is, and says whether to go on. Returns how many ticks missed their deadline.
+pub fn run(
+    endpoint: &Endpoint,
+    mut control: impl FnMut(Option<&[Touch]>) -> bool,
+) -> Result<usize, Box<dyn Error>> {
     let mut sense = TouchSense::new()?;
-    let driver = Eits1::new(sense.quadruples(), RATE_HZ as f32, sense.current_a(), 0.0)?;
-    // a robot wants the present: what it cannot keep up with is dropped
-    let settings = SessionSettings { overflow: Overflow::KeepLatest, ..Default::default() };
-    let mut session = Session::open(Box::new(driver), &endpoint, settings)?;
-    let (mut seen, mut late, mut count) = (0, 0, 0);
-    while count < frames {
-        match session.next_event(2 * DEADLINE)? {
-            Some(Event::Frame(frame)) => {
-                let touches = sense.feel(&frame.values, (count, RATE_HZ), QUIET)?;
-                for touch in touches {
-                    // here the robot draws back, grasps harder, or says hello
-                    let [x, y, _] = touch.position_m.map(|v| 1e3 * v);
-                    println!("frame {count}: touch {} at {x:.1}, {y:.1} mm", touch.id);
-                }
-                seen += usize::from(!touches.is_empty());
-                let now_s = SystemTime::now().duration_since(UNIX_EPOCH)?.as_secs_f64();
-                let passed_s = frame.host_time_s.map_or(0.0, |came_s| now_s - came_s);
-                late += usize::from(passed_s > DEADLINE.as_secs_f64());
-                count += 1;
-                session.recycle(frame);
+    // of the frames that wait only the newest
+    let settings = SessionSettings { capacity: 1, ..Default::default() };
+    let session = Session::open(Box::new(sense.driver()?), endpoint, settings)?;
+    let (mut due, mut missed, mut goes_on) = (Instant::now(), 0, true);
+    while goes_on {
+        due += TICK;
+        while let Some(left) = due.checked_duration_since(Instant::now()) {
+            match session.next_event(left)? {
+                Some(Event::Frame(frame)) => session.recycle(sense.feel(frame)?),
+                Some(Event::Reconnected { .. }) => sense.forget(),
+                Some(other) => println!("{other:?}"),
+                None => break,
             }
-            Some(Event::Reconnected { .. }) => {
-                (sense, seen, late, count) = (TouchSense::new()?, 0, 0, 0);
-            }
-            Some(other) => println!("{other:?}: the robot slows down"),
-            None => println!("no frame in time: the robot slows down"),
+        }
+        goes_on = control(sense.touches());
+        if due.elapsed() > DEADLINE {
+            (missed, due) = (missed + 1, Instant::now()); // lost ticks are not made up for
         }
     }
-    session.stop();
-    Ok((seen, late))
+    Ok(missed)
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let (seen, late) = run(std::env::args().nth(1).as_deref(), 150)?;
-    println!("touched in {seen} of 150 frames, {late} of them too late");
+    let (endpoint, _skin) = emulated::endpoint(std::env::args().nth(1).as_deref())?;
+    let mut ticks = 0..500;
+    let missed = run(&endpoint, |touches| {
+        // here the robot draws back, grasps harder, or says hello; without a sense it slows down
+        for touch in touches.unwrap_or_default() {
+            println!("touch {} at {:.3?} m", touch.id, touch.position_m);
+        }
+        ticks.next().is_some()
+    })?;
+    println!("{missed} ticks came too late");
     Ok(())
 }

@@ -1,18 +1,27 @@
 //! Frames to touches: one matrix product, a noise floor, a tracker.
 
 use eit_fem::{ForwardModel, PairProtocol, Protocol};
+use eit_hw::driver::Eits1;
+use eit_hw::{Frame, HwError};
 use eit_inverse::metrics::Cells;
 use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
-    AdaptiveReference, Difference, DifferenceSettings, HyperparameterChoice, Laplace,
+    AdaptiveReference, Difference, DifferenceSettings, FrameStatus, HyperparameterChoice, Laplace,
     LaplaceSettings, NoiseTarget, Reconstructor, ReferenceSettings, Workspace,
 };
 use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
 use ndarray::Array2;
 use std::error::Error;
+use std::time::{Duration, Instant};
 
 /// The skin: a disc of 0.1 m, 16 electrodes, 1e-5 siemens per square.
 pub const SHEET_S: f64 = 1e-5;
+/// Frames a second that the instrument is asked for.
+pub const FRAME_HZ: f64 = 50.0;
+/// Frames before anybody touches: reference and noise.
+pub const QUIET: usize = 30;
+/// Touches of a frame older than this say nothing of the present.
+const STALE: Duration = Duration::from_millis(100);
 
 /// Model of the skin with edges of about this length.
 pub fn model(edge_m: f64) -> Result<(Mesh, ForwardModel, Protocol), Box<dyn Error>> {
@@ -34,7 +43,10 @@ pub struct TouchSense {
     /// Frames until there are enough.
     quiet: Vec<f64>,
     live: Option<(AdaptiveReference, TouchStream)>,
+    /// Measurements of a frame that are flagged.
+    bad: Vec<usize>,
     touched: bool,
+    felt: Option<Instant>,
 }
 
 impl TouchSense {
@@ -57,52 +69,73 @@ impl TouchSense {
             to_pixels,
             quiet: Vec::new(),
             live: None,
+            bad: Vec::new(),
             touched: false,
+            felt: None,
         })
     }
 
-    /// Measurements of a frame, in its order.
-    pub fn quadruples(&self) -> &[[u32; 4]] {
-        &self.quadruples
+    /// The instrument, asked for these measurements.
+    pub fn driver(&self) -> Result<Eits1, HwError> {
+        let current_a = 1e-4;
+        Eits1::new(&self.quadruples, FRAME_HZ as f32, current_a, 0.0)
     }
 
-    /// Drive current, ampere.
-    pub fn current_a(&self) -> f32 {
-        1e-4
+    /// Contacts and gains may have changed: reference and noise are learnt anew.
+    pub fn forget(&mut self) {
+        self.quiet.clear();
+        (self.live, self.touched) = (None, false);
     }
 
-    /// Touches of a frame; none while the first `quiet` frames are learnt.
-    pub fn feel(
-        &mut self,
-        frame: &[f64],
-        (number, rate_hz): (usize, f64),
-        quiet: usize,
-    ) -> Result<&[Touch], Box<dyn Error>> {
-        if self.live.is_none() {
-            self.learn(frame, rate_hz, quiet)?;
-            return Ok(&[]);
+    /// Touches of the last frame; `None` while the first frames are learnt, and where it is too old.
+    pub fn touches(&self) -> Option<&[Touch]> {
+        let is_fresh = self.felt.is_some_and(|felt| felt.elapsed() < STALE);
+        self.live.as_ref().filter(|_| is_fresh).map(|(_, stream)| stream.touches())
+    }
+
+    /// Takes a frame, and gives its memory back.
+    pub fn feel(&mut self, frame: Frame) -> Result<Frame, Box<dyn Error>> {
+        let flagged = frame.quality.iter().enumerate().filter(|(_, quality)| !quality.is_good());
+        self.bad.clear();
+        self.bad.extend(flagged.map(|(measurement, _)| measurement));
+        let Some((reference, stream)) = &mut self.live else {
+            self.learn(&frame)?;
+            return Ok(frame);
+        };
+        let time_s = frame.sequence as f64 / FRAME_HZ;
+        if self.bad.is_empty() {
+            reference.push(&frame.values, time_s, self.touched)?;
         }
-        let Some((reference, stream)) = &mut self.live else { return Ok(&[]) };
-        let time_s = number as f64 / rate_hz;
-        reference.push(frame, time_s, self.touched)?;
-        let (memory, image) = (&mut self.memory, &mut self.image);
-        self.to_pixels.reconstruct_into(frame, reference.reference(), memory, image)?;
-        let touches = stream.push(image, time_s)?;
+        let status = self.to_pixels.reconstruct_without_into(
+            &frame.values,
+            reference.reference(),
+            &self.bad,
+            &mut self.memory,
+            &mut self.image,
+        )?;
+        let touches = match status {
+            FrameStatus::Computed => stream.push(&self.image, time_s)?,
+            FrameStatus::Unchanged => stream.push_unchanged(time_s)?,
+        };
         self.touched = touches.iter().any(|touch| touch.state != TouchState::End);
-        Ok(touches)
+        self.felt = Some(Instant::now());
+        Ok(frame)
     }
 
     /// Keeps a quiet frame; with enough of them, reference, noise and tracker begin.
-    fn learn(&mut self, frame: &[f64], rate_hz: f64, quiet: usize) -> Result<(), Box<dyn Error>> {
-        self.quiet.extend(frame);
-        if self.quiet.len() < quiet * frame.len() {
+    fn learn(&mut self, frame: &Frame) -> Result<(), Box<dyn Error>> {
+        if !self.bad.is_empty() {
             return Ok(());
         }
-        let frames = Array2::from_shape_vec((quiet, frame.len()), self.quiet.clone())?;
+        self.quiet.extend(&frame.values);
+        if self.quiet.len() < QUIET * frame.values.len() {
+            return Ok(());
+        }
+        let frames = Array2::from_shape_vec((QUIET, frame.values.len()), self.quiet.clone())?;
         let settings = ReferenceSettings::default();
         let reference = AdaptiveReference::of_quiet_frames(frames.view(), settings)?;
         let floor = NoiseFloor::of_reconstruction(&self.to_pixels, reference.noise_std_v())?;
-        let settings = TouchStreamSettings { frame_rate_hz: rate_hz, ..Default::default() };
+        let settings = TouchStreamSettings { frame_rate_hz: FRAME_HZ, ..Default::default() };
         let stream = TouchStream::new(self.cells.clone(), floor, settings)?;
         self.live = Some((reference, stream));
         Ok(())

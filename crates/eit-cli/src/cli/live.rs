@@ -3,6 +3,9 @@
 use clap::Args;
 use std::path::PathBuf;
 
+/// Frames of the reference where nothing else is asked for.
+pub(crate) const QUIET: usize = 40;
+
 /// `eit devices`
 #[derive(Debug, Args)]
 pub(crate) struct DevicesArgs {
@@ -33,7 +36,7 @@ pub(crate) struct CheckArgs {
 #[derive(Debug, Args)]
 pub(crate) struct WatchArgs {
     /// Frames at the start of each epoch that are the reference and show the noise.
-    #[arg(long, value_name = "N", default_value_t = 40)]
+    #[arg(long, value_name = "N", default_value_t = QUIET)]
     pub quiet: usize,
     /// Only the first N frames behind the reference.
     #[arg(long, value_name = "N")]
@@ -41,7 +44,8 @@ pub(crate) struct WatchArgs {
     /// Picture of the latest image, drawn anew up to five times a second: F.png.
     #[arg(long, value_name = "F.png")]
     pub picture: Option<PathBuf>,
-    /// Folder for images.npy [frame, row, column] and touches.csv of all frames, at the end.
+    /// Folder for images.npy [frame, row, column] and touches.csv of all frames; with a U-net also
+    /// raw.npy, the images before it.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }

@@ -1,175 +1,279 @@
-//! `eit demo`: simulate on one mesh, reconstruct on another, write the pictures.
+//! `eit demo`: the two experiments of the paper from the simulated fabric to the touches, through an
+//! emulated instrument, its driver, a recording, the stream of total variation and the U-net.
 //!
-//! The skin is `paper-disc`. One finger goes once around near the rim, then two fingers stand
-//! opposite each other and turn. A finger raises the sheet conductivity in a bell of 12 mm. The
-//! frames get additive noise; the reference frame is the untouched skin with noise of its own.
+//! While one experiment runs live, the other is simulated. What comes from the instrument is looked
+//! at by the loop of `eit live`, so that `eit replay` gives the same images.
 
-use super::{Answer, reconstruct};
+mod experiment;
+mod folder;
+mod judge;
+mod live;
+mod page;
+mod pictures;
+
+use self::experiment::{EXPERIMENTS, Experiment, Lab, QUIET};
+use self::folder::DemoFolder;
+use self::pictures::{File, Shown};
+use super::Answer;
 use crate::cli::DemoArgs;
 use crate::draw;
 use crate::error::CliError;
-use crate::method::Method;
-use crate::output::{OutFolder, io, write_npy};
-use crate::picture::{FrameLabels, PictureSettings, draw_sheet};
+use crate::interrupt::Interrupt;
+use crate::output::{OutFolder, io};
+use crate::picture::SkinDrawing;
 use crate::pipeline;
 use crate::progress::Progress;
-use crate::scene::Scene;
-use crate::simulate::{Finger, FingerShape, TouchMovie};
-use eit_inverse::metrics::{ChangeSign, correlation_coefficient, half_maximum_centre_m};
-use ndarray::{Array1, Array3, Axis};
+use crate::scene::{Instrument, Scene};
+use crate::watch::Model;
+use eit_fem::fabric::Simulation;
 use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
 
-/// Nodes of the mesh that simulates; the one that reconstructs has about 2 000.
-const SIMULATION_NODES: usize = 7000;
-/// Frames with one finger, then with two.
-const FRAMES: [usize; 2] = [24, 16];
-/// Seed of the noise.
-const SEED: u64 = 20_190_620;
-/// Noise, decibel below the root mean square voltage.
-const NOISE_DB: f64 = 60.0;
-/// What a finger does.
-const FINGER: Finger = Finger { shape: FingerShape::Bell, sigma_m: 0.012, change: 0.5 };
-/// Frames a second of the movie.
-const RATE_HZ: f64 = 8.0;
+/// The page.
+const REPORT: &str = "report.html";
+/// The numbers.
+const NUMBERS: &str = "report.json";
+
+/// Everything that a demo writes.
+fn own() -> Vec<&'static str> {
+    let mut own = vec!["scene.toml", REPORT, NUMBERS];
+    own.extend([pictures::MESH, pictures::WAYS, pictures::LATENCY, pictures::OVERVIEW]);
+    for experiment in EXPERIMENTS {
+        own.extend([experiment.folder, experiment.recording, experiment.movie]);
+        own.extend(experiment.figures);
+    }
+    own
+}
+
+/// What the threads share.
+struct Stage<'a> {
+    folder: &'a DemoFolder,
+    model: &'a Model,
+    instrument: &'a Instrument,
+    skin: SkinDrawing,
+    interrupt: &'a Interrupt,
+    /// One of them has failed: the other need not go on.
+    has_failed: AtomicBool,
+}
 
 /// Runs the demo.
 pub(crate) fn run(args: &DemoArgs) -> Result<Answer, CliError> {
-    let scene = Scene::load("paper-disc")?;
-    let mut out = OutFolder::new(&args.out)?;
+    let start = Instant::now();
+    let folder = DemoFolder::claim(&args.out, &own(), args.force)?;
+    let interrupt = Interrupt::listen()?;
+    folder.write_scene(args.quick)?;
+    let scene = Scene::load(&folder.scene().display().to_string())?;
+    let instrument = scene.instrument()?;
     let mut progress = Progress::default();
-    let movie = TouchMovie { positions_m: touches(), finger: FINGER, rate_hz: RATE_HZ };
-    let simulated = pipeline::setup(&scene, None, Some(SIMULATION_NODES), &mut progress)?;
-    let voltages = movie.voltages(&scene, &simulated, &mut progress)?;
-    let frames = voltages.with_noise(voltages.noise_std_v(NOISE_DB), SEED)?;
-
-    let setup = pipeline::setup(&scene, None, None, &mut progress)?;
-    let linearised = pipeline::linearise(&scene, &setup, &mut progress)?;
-    let imaging = pipeline::imaging(&scene, &setup, &linearised, &frames, &mut progress)?;
-    let images = imaging.images(&frames, &mut progress)?.into_parts().0;
-
-    let truth = movie.truth(&scene, &imaging.raster);
-    let scores = scores(&images, &truth, &imaging.raster, &movie.positions_m)?;
-    let reference = Array1::from_vec(frames.reference.clone());
-    out.write("frames.npy", |w| write_npy(&frames.values, w))?;
-    out.write("reference.npy", |w| write_npy(&reference, w))?;
-    out.write("images.npy", |w| write_npy(&images, w))?;
-    out.write("truth.npy", |w| write_npy(&truth, w))?;
-    let skin = draw::skin(&setup.mesh, &imaging.raster);
-    let settings = PictureSettings {
-        title: "paper-disc: one finger, then two".to_owned(),
-        ..reconstruct::picture_settings(
-            &scene,
-            reconstruct::footnote(Method::GaussNewton, &imaging),
-            Some(RATE_HZ),
-        )
+    let lab = Lab::new(&scene, args.quick, &mut progress)?;
+    let model = Model::new(scene, QUIET, &mut progress)?;
+    let raster = pipeline::raster(&model.scene, &model.setup, &mut progress)?;
+    let stage = Stage {
+        folder: &folder,
+        model: &model,
+        instrument: &instrument,
+        skin: draw::skin(&model.setup.mesh, &raster),
+        interrupt: &interrupt,
+        has_failed: AtomicBool::new(false),
     };
-    reconstruct::write_pictures(
-        &mut out,
-        images.view(),
-        &skin,
-        &settings,
-        Some(RATE_HZ),
-        &mut progress,
-    )?;
-    let compared = comparison(&images, &truth, &skin, &settings)?;
-    out.write("truth_and_image.png", |w| Ok(compared.write_png(w)?))?;
-    let report = json!({
-        "scene": scene.name,
-        "simulation_nodes": simulated.mesh.surface().nodes().len(),
-        "reconstruction_nodes": setup.mesh.surface().nodes().len(),
-        "frames": images.shape()[0],
-        "noise_of_rms_voltage": 10_f64.powf(-NOISE_DB / 20.0),
-        "seed": SEED,
-        "hyperparameter": imaging.difference.report().hyperparameter,
-        "hyperparameter_rule": imaging.rule,
-        "scores": scores,
-        "stages": progress.times(),
-        "files": out.names(),
-    });
-    out.write("report.json", |w| writeln!(w, "{report:#}").map_err(io))?;
-    let text = format!(
-        "simulated {} frames on {} nodes, reconstructed on {} nodes\n\
-         one finger: median position error {:.1} mm, correlation with the truth {:.2}\n\
-         two fingers: correlation with the truth {:.2}\n\
-         look at {}",
-        images.shape()[0],
-        report["simulation_nodes"],
-        report["reconstruction_nodes"],
-        1e3 * scores["one_finger_position_error_m"].as_f64().unwrap_or(f64::NAN),
-        scores["one_finger_correlation"].as_f64().unwrap_or(f64::NAN),
-        scores["two_fingers_correlation"].as_f64().unwrap_or(f64::NAN),
-        out.path().join("truth_and_image.png").display()
+    let (shown, files) = stage.experiments(&lab, &mut progress)?;
+    let seconds = start.elapsed().as_secs_f64();
+    if shown.len() < EXPERIMENTS.len() || shown.iter().any(|shown| !shown.seen.is_whole) {
+        return Ok(interrupted(&folder, &shown));
+    }
+    stage.report(&shown, files, (lab.nodes(), seconds), &mut progress)
+}
+
+impl Stage<'_> {
+    fn goes_on(&self) -> bool {
+        !self.interrupt.is_set() && !self.has_failed.load(Ordering::Relaxed)
+    }
+
+    /// Simulates the experiments one after the other; each is seen live as soon as it is there.
+    fn experiments(
+        &self,
+        lab: &Lab,
+        progress: &mut Progress,
+    ) -> Result<(Vec<Shown>, Vec<File>), CliError> {
+        let ended = std::thread::scope(|scope| {
+            let mut running = Vec::new();
+            for experiment in EXPERIMENTS {
+                if !self.goes_on() {
+                    break;
+                }
+                let place = self.folder.join(experiment.folder);
+                match lab.simulate(&experiment, &place, progress) {
+                    Err(error) => {
+                        self.has_failed.store(true, Ordering::Relaxed);
+                        running.push(Err(error));
+                    }
+                    Ok(_) if !self.goes_on() => break,
+                    Ok(truth) => {
+                        let mut beside = progress.beside();
+                        let watch = move || {
+                            let shown = self.experiment(experiment, truth, &mut beside);
+                            self.has_failed.fetch_or(shown.is_err(), Ordering::Relaxed);
+                            shown
+                        };
+                        running.push(Ok(scope.spawn(watch)));
+                    }
+                }
+            }
+            let join = |thread: std::thread::ScopedJoinHandle<'_, _>| {
+                thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            };
+            running.into_iter().map(|thread| thread.and_then(join)).collect::<Vec<_>>()
+        });
+        let (mut shown, mut files) = (Vec::new(), Vec::new());
+        for experiment in ended {
+            let (experiment, made) = experiment?;
+            shown.push(experiment);
+            files.extend(made);
+        }
+        Ok((shown, files))
+    }
+
+    /// One experiment live, judged and drawn.
+    fn experiment(
+        &self,
+        experiment: Experiment,
+        truth: Simulation,
+        progress: &mut Progress,
+    ) -> Result<(Shown, Vec<File>), CliError> {
+        let frames = truth.frames_v.nrows();
+        let goes_on = || self.goes_on();
+        let with = (self.model, self.instrument);
+        let seen = live::run((&experiment, frames), with, self.folder, &goes_on, progress)?;
+        let judged = judge::judge(&seen, &truth);
+        let shown = Shown { experiment, truth, seen, judged };
+        if !shown.seen.is_whole {
+            return Ok((shown, Vec::new()));
+        }
+        let files = progress.steps(experiment.stages[2], 1, |bar| {
+            pictures::of_experiment(&shown, &self.skin, bar)
+        })?;
+        Ok((shown, files))
+    }
+
+    /// Writes pictures, page and numbers.
+    fn report(
+        &self,
+        shown: &[Shown],
+        mut files: Vec<File>,
+        (nodes, seconds): (usize, f64),
+        progress: &mut Progress,
+    ) -> Result<Answer, CliError> {
+        let mut out = OutFolder::new(self.folder.path())?;
+        progress.stage("report", || {
+            files.extend(pictures::of_both(shown, self.model, &self.skin)?);
+            let page = page::page(shown, &files, self.model, self.folder, (nodes, seconds));
+            for (name, bytes) in &files {
+                out.write(name, |w| w.write_all(bytes).map_err(io))?;
+            }
+            out.write(REPORT, |w| page.write(w))
+        })?;
+        let mut names = out.names();
+        names.push(NUMBERS);
+        names.extend(EXPERIMENTS.map(|experiment| experiment.recording));
+        names.extend(["scene.toml", EXPERIMENTS[0].folder, EXPERIMENTS[1].folder]);
+        let json = json!({
+            "scene": "paper-disc",
+            "seconds": seconds,
+            "simulation_nodes": nodes,
+            "reconstruction_nodes": self.model.setup.mesh.surface().nodes().len(),
+            "experiments": shown.iter().map(numbers).collect::<Vec<_>>(),
+            "interrupted": false,
+            "report": self.folder.join(REPORT).display().to_string(),
+            "files": names,
+        });
+        out.write(NUMBERS, |w| writeln!(w, "{json:#}").map_err(io))?;
+        out.commit(&[])?;
+        Ok(Answer { text: text(shown, self.folder, seconds), json })
+    }
+}
+
+/// The command that plays a recording.
+fn replay_command(folder: &Path, experiment: &Experiment) -> String {
+    format!(
+        "eit replay {} --from {} --out {}-again",
+        folder.join("scene.toml").display(),
+        folder.join(experiment.recording).display(),
+        experiment.folder
+    )
+}
+
+fn numbers(shown: &Shown) -> Value {
+    let summary = &shown.seen.summary;
+    let [median, high, worst] = [0.5, 0.95, 1.0].map(|share| summary.latency_s(share));
+    json!({
+        "name": shown.experiment.name,
+        "frames": summary.frames,
+        "line": shown.seen.line,
+        "images": summary.images_json(),
+        "touches": summary.touches,
+        "latency_s": { "median": median, "p95": high, "worst": worst },
+        "judged": shown.judged.json(),
+        "simulation_s": shown.truth.report.time_s,
+        "live_s": summary.span_s,
+        "notices": summary.notices,
+    })
+}
+
+fn text(shown: &[Shown], folder: &DemoFolder, seconds: f64) -> String {
+    let mut lines = Vec::new();
+    for Shown { experiment, seen, judged, .. } in shown {
+        let [.., quotient] = judged.errors_of_touched();
+        let latency_ms = 1e3 * seen.summary.latency_s(0.5).unwrap_or(f64::NAN);
+        lines.push(format!(
+            "{}: {} images; the U-net leaves {quotient:.2} of their squared error; fingers found in \
+             {} of {} cases, {:.1} mm off, {} invented; {latency_ms:.0} ms from a frame to its touches",
+            experiment.name,
+            seen.summary.frames,
+            judged.found,
+            judged.fingers,
+            1e3 * judged.distance_m(),
+            judged.invented,
+        ));
+    }
+    if let Some(line) = shown.iter().map(|s| &s.seen.line).find(|line| line.starts_with("TCP")) {
+        lines.push(format!("the instrument was reached by {line}"));
+    }
+    lines.push(format!("medians; {seconds:.0} s in all"));
+    lines.push(format!("look at {}", folder.join(REPORT).display()));
+    lines.extend(
+        shown.first().map(|s| format!("again: {}", replay_command(folder.path(), &s.experiment))),
     );
-    out.commit(&[])?;
-    Ok(Answer { text, json: report })
+    lines.join("\n")
 }
 
-/// Finger positions of each frame, metres.
-fn touches() -> Vec<Vec<[f64; 2]>> {
-    let at = |radius: f64, turns: f64| {
-        let angle = std::f64::consts::TAU * (turns + 0.25);
-        [radius * angle.cos(), radius * angle.sin()]
-    };
-    let one = (0..FRAMES[0]).map(|f| vec![at(0.065, f as f64 / FRAMES[0] as f64)]);
-    let two = (0..FRAMES[1]).map(|f| {
-        let turns = -0.5 * f as f64 / FRAMES[1] as f64;
-        vec![at(0.055, turns), at(0.055, turns + 0.5)]
+/// What is there after Ctrl-C.
+fn interrupted(folder: &DemoFolder, shown: &[Shown]) -> Answer {
+    let mut text = "interrupted: no report, no pictures; what there is, is whole".to_owned();
+    let mut files = vec!["scene.toml"];
+    for experiment in EXPERIMENTS {
+        let seen = shown.iter().find(|shown| shown.experiment.name == experiment.name);
+        let own = folder.join(experiment.folder);
+        if let Some(Shown { seen, .. }) = seen {
+            text += &format!(
+                "\n{}: {} frames with images; {} and {}",
+                experiment.name,
+                seen.summary.frames,
+                folder.join(experiment.recording).display(),
+                own.display(),
+            );
+            files.push(experiment.recording);
+            files.push(experiment.folder);
+        } else if own.exists() {
+            text += &format!("\n{}: simulated, not seen; {}", experiment.name, own.display());
+            files.push(experiment.folder);
+        }
+    }
+    let json = json!({
+        "interrupted": true,
+        "experiments": shown.iter().map(numbers).collect::<Vec<_>>(),
+        "files": files,
     });
-    one.chain(two).collect()
-}
-
-/// Position error of the one-finger frames and correlation with the truth.
-fn scores(
-    images: &Array3<f64>,
-    truth: &Array3<f64>,
-    raster: &eit_mesh::Raster,
-    touches: &[Vec<[f64; 2]>],
-) -> Result<Value, CliError> {
-    let mut errors = Vec::new();
-    let mut correlations = Vec::new();
-    let areas = raster.covered_areas_m2();
-    let positions_m: Vec<[f64; 2]> =
-        raster.masked_pixels().iter().map(|&[i, j]| raster.centre_m(i, j)).collect();
-    for (f, fingers) in touches.iter().enumerate() {
-        let pick = |array: &Array3<f64>| -> Vec<f64> {
-            raster.masked_pixels().iter().map(|&[i, j]| array[[f, i, j]]).collect()
-        };
-        correlations.push(correlation_coefficient(&pick(images), &pick(truth), areas)?);
-        if let [finger] = fingers[..] {
-            let found =
-                half_maximum_centre_m(&pick(images), areas, &positions_m, ChangeSign::Increase)?;
-            // an image without any increase is as wrong as can be
-            let [x, y] = found.unwrap_or([f64::INFINITY; 2]);
-            errors.push((x - finger[0]).hypot(y - finger[1]));
-        }
-    }
-    errors.sort_by(f64::total_cmp);
-    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
-    Ok(json!({
-        "one_finger_position_error_m": errors[errors.len() / 2],
-        "one_finger_correlation": mean(&correlations[..FRAMES[0]]),
-        "two_fingers_correlation": mean(&correlations[FRAMES[0]..]),
-    }))
-}
-
-/// Truth and image side by side for frames chosen evenly from both parts.
-fn comparison(
-    images: &Array3<f64>,
-    truth: &Array3<f64>,
-    skin: &crate::picture::SkinDrawing,
-    settings: &PictureSettings,
-) -> Result<crate::picture::Canvas, CliError> {
-    // four to a row: the truth stands over its image
-    let chosen = [3, 14, FRAMES[0], FRAMES[0] + 10];
-    let mut panels = Vec::new();
-    let mut labels = Vec::new();
-    for (name, source) in [("truth", truth), ("image", images)] {
-        for f in chosen {
-            panels.push(source.index_axis(Axis(0), f));
-            labels.push(format!("{name}, frame {f}"));
-        }
-    }
-    let stacked = ndarray::stack(Axis(0), &panels).map_err(|e| CliError::Failure(e.to_string()))?;
-    let settings = PictureSettings { labels: FrameLabels::Text(labels), ..settings.clone() };
-    Ok(draw_sheet(stacked.view(), skin, &settings)?)
+    Answer { text, json }
 }

@@ -1,7 +1,7 @@
 //! `eit plan`: what a scene needs, what is left out and why.
 
 pub(crate) mod expected;
-mod left_out;
+pub(super) mod left_out;
 mod method_words;
 mod net;
 pub(crate) mod sequence;

@@ -4,7 +4,6 @@ mod gauss_newton;
 mod total_variation;
 pub(super) mod touches;
 
-pub(super) use gauss_newton::footnote;
 pub(crate) use total_variation::status_words as movie_status_words;
 
 use super::{Answer, solve_json};
@@ -83,8 +82,6 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
         _ => gauss_newton::make(&task, &mut progress)?,
     };
     let gain = task.fit.gain;
-    let found =
-        pipeline::touches::touches(&scene, (setup, linearised), (&frames, gain), &mut progress)?;
     if let Some(net) = &net {
         out.write("raw.npy", |w| write_npy(&made.images, w))?;
         let mut check =
@@ -105,6 +102,9 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
             ),
         }
     }
+    let denoised = net.is_some().then(|| made.images.view());
+    let (models, given) = ((setup, linearised), (&frames, gain));
+    let found = pipeline::touches::touches(&scene, models, given, denoised, &mut progress)?;
     let mut notes = frames.notes.clone();
     notes.extend(linearised.warning.clone());
     notes.extend(made.notes.clone());

@@ -1,22 +1,23 @@
 //! What `eit live` and `eit replay` show, keep and answer.
 
 use super::Answer;
-use super::reconstruct::touches::write_csv;
+use super::reconstruct::touches::{HEADER, write_row};
 use crate::cli::WatchArgs;
 use crate::error::CliError;
 use crate::interrupt::Interrupt;
-use crate::output::{OutFolder, write_npy};
+use crate::output::{ImageFile, OutFolder, io};
 use crate::watch::{Model, Picture, Sight, Summary, Terminal, Watcher};
 use eit_hw::capture::{CaptureWriter, TouchRecord, TouchesRecord};
 use eit_hw::driver::{Event, Statistics};
-use eit_inverse::touch::{Touch, TouchState};
-use eit_mesh::Raster;
-use ndarray::Array2;
+use eit_inverse::touch::TouchState;
 use serde_json::json;
+use std::io::{BufWriter, Write as _};
+use std::path::Path;
 use std::time::{Duration, Instant};
+use tempfile::NamedTempFile;
 
 /// Files of `--out` that a run may leave out.
-const OPTIONAL: [&str; 1] = ["images.npy"];
+pub(super) const OPTIONAL: [&str; 2] = ["images.npy", "raw.npy"];
 
 /// Shows, records and keeps.
 pub(super) struct Viewer<'a> {
@@ -31,12 +32,58 @@ pub(super) struct Viewer<'a> {
     kept: Option<Kept>,
 }
 
-/// What `--out` writes at the end.
-struct Kept {
+/// What `--out` writes, frame by frame: memory does not grow with the hours.
+pub(super) struct Kept {
     folder: OutFolder,
-    raster: Option<Raster>,
-    pixels: Vec<f64>,
-    touches: Vec<(usize, f64, Touch)>,
+    /// From the first image on; the raw ones where a net follows.
+    images: Option<(ImageFile, Option<ImageFile>)>,
+    touches: BufWriter<NamedTempFile>,
+}
+
+impl Kept {
+    /// Reserves the folder.
+    pub fn new(path: &Path) -> Result<Self, CliError> {
+        let folder = OutFolder::new(path)?;
+        let mut touches = folder.begin("touches.csv")?;
+        writeln!(touches, "{HEADER}").map_err(io)?;
+        Ok(Self { folder, images: None, touches })
+    }
+
+    /// Takes an image and its touches.
+    pub fn take(&mut self, sight: &Sight<'_>) -> Result<(), CliError> {
+        let raster = &sight.finder.raster;
+        if self.images.is_none() {
+            let shape = [raster.pixels(); 2];
+            let raw = sight.movie.raw().map(|_| ImageFile::new(&self.folder, "raw.npy", shape));
+            let images = ImageFile::new(&self.folder, "images.npy", shape)?;
+            self.images = Some((images, raw.transpose()?));
+        }
+        if let Some((images, raw)) = &mut self.images {
+            images.push(raster.image_from_pixels(sight.movie.pixels())?.view())?;
+            if let (Some(file), Some(raw)) = (raw, sight.movie.raw()) {
+                file.push(raster.image_from_pixels(raw)?.view())?;
+            }
+        }
+        for touch in sight.touches {
+            write_row(sight.number, sight.time_s, touch, &mut self.touches)?;
+        }
+        Ok(())
+    }
+
+    /// Puts the files in their places; their names.
+    pub fn finish(self) -> Result<Vec<&'static str>, CliError> {
+        let Self { mut folder, images, touches } = self;
+        if let Some((images, raw)) = images {
+            images.finish(&mut folder)?;
+            if let Some(raw) = raw {
+                raw.finish(&mut folder)?;
+            }
+        }
+        folder.end("touches.csv", touches)?;
+        let names = folder.names();
+        folder.commit(&OPTIONAL)?;
+        Ok(names)
+    }
 }
 
 impl<'a> Viewer<'a> {
@@ -47,7 +94,7 @@ impl<'a> Viewer<'a> {
         limit: Option<Duration>,
         is_shown: bool,
     ) -> Result<Self, CliError> {
-        let folder = args.out.as_deref().map(OutFolder::new).transpose()?;
+        let kept = args.out.as_deref().map(Kept::new).transpose()?;
         Ok(Self {
             model,
             frames: args.frames.unwrap_or(u64::MAX),
@@ -57,12 +104,7 @@ impl<'a> Viewer<'a> {
             terminal: Terminal::new(is_shown),
             picture: args.picture.as_deref().map(Picture::new).transpose()?,
             writer: None,
-            kept: folder.map(|folder| Kept {
-                folder,
-                raster: None,
-                pixels: Vec::new(),
-                touches: Vec::new(),
-            }),
+            kept,
         })
     }
 
@@ -76,19 +118,7 @@ impl<'a> Viewer<'a> {
         if let Some(writer) = self.writer {
             writer.finish()?;
         }
-        let Some(mut kept) = self.kept else { return Ok(Vec::new()) };
-        if let Some(raster) = &kept.raster {
-            let width = raster.masked_pixels().len();
-            let shape = (kept.pixels.len() / width.max(1), width);
-            let pixels = Array2::from_shape_vec(shape, std::mem::take(&mut kept.pixels))
-                .map_err(|e| CliError::Failure(format!("images: {e}")))?;
-            let images = raster.images_from_pixels(pixels.view())?;
-            kept.folder.write("images.npy", |out| write_npy(&images, out))?;
-        }
-        kept.folder.write("touches.csv", |out| write_csv(&kept.touches, out))?;
-        let names = kept.folder.names();
-        kept.folder.commit(&OPTIONAL)?;
-        Ok(names)
+        self.kept.map_or(Ok(Vec::new()), Kept::finish)
     }
 }
 
@@ -126,10 +156,7 @@ impl Watcher for Viewer<'_> {
             writer.touches(&record_of(sight))?;
         }
         if let Some(kept) = &mut self.kept {
-            kept.raster.get_or_insert_with(|| sight.finder.raster.clone());
-            kept.pixels.extend(sight.finder.pixels());
-            let number = sight.number as usize;
-            kept.touches.extend(sight.touches.iter().map(|touch| (number, sight.time_s, *touch)));
+            kept.take(sight)?;
         }
         Ok(())
     }
@@ -142,7 +169,7 @@ impl Watcher for Viewer<'_> {
 }
 
 /// Touches as a recording holds them.
-fn record_of(sight: &Sight<'_>) -> TouchesRecord {
+pub(super) fn record_of(sight: &Sight<'_>) -> TouchesRecord {
     let touches = sight.touches.iter().filter(|touch| touch.state != TouchState::End);
     TouchesRecord {
         sequence: sight.frame.sequence,
@@ -187,6 +214,7 @@ pub(super) fn answer(
             1e3 * worst
         );
     }
+    text += &format!("\nimages: {}", summary.images_words());
     for notice in summary.notices.iter().take(20) {
         text += &format!("\nit said: {notice}");
     }
@@ -201,7 +229,9 @@ pub(super) fn answer(
         "reconnections": statistics.reconnections,
         "references": summary.references,
         "latency_s": { "median": median, "p95": high, "worst": worst },
+        "images": summary.images_json(),
         "notices": summary.notices,
+        "notices_left_out": summary.more_notices,
         "files": files,
     });
     Answer { text, json }

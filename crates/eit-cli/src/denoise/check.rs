@@ -24,25 +24,14 @@ impl Check {
         (setup, linearised, raster): (&Setup, &Linearised, &Raster),
         (frames, gain): (&Frames, f64),
     ) -> Result<Self, CliError> {
-        let kind = scene.difference_kind(&setup.protocol);
-        let data = pipeline::difference_data(kind, linearised);
-        let mut differences = frames.differences(kind);
+        let evidence = evidence(scene, (setup, linearised, raster), (frames, gain))?;
+        let mut differences = frames.differences(scene.difference_kind(&setup.protocol));
         let good = &frames.good & &ArrayView1::from(&frames.used);
-        let known = pipeline::noise::known(scene, frames, (&data, gain))?;
-        let noise = known.unwrap_or_else(|| DataNoise::unknown(&differences, &good));
-        let std: Vec<f64> = noise
-            .std
-            .iter()
-            .zip(&frames.used)
-            .map(|(std, used)| if *used { *std } else { f64::INFINITY })
-            .collect();
         differences.zip_mut_with(&good, |value, good| {
             if !good {
                 *value = f64::NAN;
             }
         });
-        let jacobian = pipeline::tv::pixel_jacobian(linearised, raster, kind, &frames.used)?;
-        let evidence = Evidence::new(jacobian.view(), &std, raster.mask().view())?;
         Ok(Self { evidence, differences })
     }
 
@@ -51,6 +40,27 @@ impl Check {
         let row = self.differences.row(frame).to_vec();
         Ok(self.evidence.misfit(image, &row)?)
     }
+}
+
+/// The model that images are held against, with the noise of these frames.
+pub(super) fn evidence(
+    scene: &Scene,
+    (setup, linearised, raster): (&Setup, &Linearised, &Raster),
+    (frames, gain): (&Frames, f64),
+) -> Result<Evidence, CliError> {
+    let kind = scene.difference_kind(&setup.protocol);
+    let data = pipeline::difference_data(kind, linearised);
+    let noise = match pipeline::noise::known(scene, frames, (&data, gain))? {
+        Some(noise) => noise,
+        None => {
+            let good = &frames.good & &ArrayView1::from(&frames.used);
+            DataNoise::unknown(&frames.differences(kind), &good)
+        }
+    };
+    let used = noise.std.iter().zip(&frames.used);
+    let std: Vec<f64> = used.map(|(std, used)| if *used { *std } else { f64::INFINITY }).collect();
+    let jacobian = pipeline::tv::pixel_jacobian(linearised, raster, kind, &frames.used)?;
+    Ok(Evidence::new(jacobian.view(), &std, raster.mask().view())?)
 }
 
 /// Frames whose denoised image was put aside.

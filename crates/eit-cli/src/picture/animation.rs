@@ -13,8 +13,11 @@ use super::{
 
 /// Most frames of an animation; of more, as many are chosen evenly.
 const MAX_FRAMES: usize = 300;
-/// Longer side of the skin's panel, in points and pixels.
+/// Longer side of the skin's panel, in points and pixels: alone, and beside others.
 const SIDE: f64 = 320.0;
+const SMALL_SIDE: f64 = 240.0;
+/// Images of a frame at most.
+const MOST_SIDE_BY_SIDE: usize = 8;
 /// Colours of a GIF's table.
 const TABLE: usize = 256;
 
@@ -23,7 +26,8 @@ const TABLE: usize = 256;
 /// Scale, electrodes and texts are those of [`super::draw_sheet`], and stay the same throughout.
 /// Of more than 300 frames 300 are chosen evenly. GIF counts in hundredths of a second, and
 /// viewers ignore a delay below two of them, so faster rates play at 50 Hz. `progress` gets the
-/// number of frames written and of all.
+/// number of frames written and of all. With [`PictureSettings::columns`] a frame shows so many
+/// images side by side.
 ///
 /// # Errors
 /// As for a sheet; a rate that is not positive; trouble with `out`.
@@ -39,21 +43,24 @@ pub(crate) fn write_gif(
         return Err(PictureError::FrameRate { rate_hz });
     }
     let delay = (100.0 / rate_hz).round().clamp(2.0, f64::from(u16::MAX)) as u16;
-    let layout = SheetLayout { most: MAX_FRAMES, cells: 1, side: SIDE, zoom: 1 };
+    let group = settings.columns.unwrap_or(1).clamp(1, MOST_SIDE_BY_SIDE);
+    let side = if group > 1 { SMALL_SIDE } else { SIDE };
+    let layout = SheetLayout { most: MAX_FRAMES, group, cells: group, side, zoom: 1 };
     let sheet = ImageSheet::new(images, skin, settings, layout)?;
-    // a page of one panel of 320 points, wrapped texts and a bar stays far below 65535 pixels
+    // a page of a few panels of 320 points, wrapped texts and a bar stays far below 65535 pixels
     let [width, height] = sheet.page.canvas.size_px();
     let mut palette = Palette::new(sheet.scale.colors());
     let mut encoder = Encoder::new(out, width as u16, height as u16, &palette.table())?;
     encoder.set_repeat(Repeat::Infinite)?;
     let mut before: Vec<u8> = Vec::new();
-    for k in 0..sheet.chosen.len() {
+    let frames = sheet.chosen.len() / group;
+    for k in 0..frames {
         let mut canvas = sheet.page.canvas.clone();
-        sheet.draw_frame(&mut canvas, 0, k);
+        (0..group).for_each(|cell| sheet.draw_frame(&mut canvas, cell, k * group + cell));
         let now = palette.indices(canvas.rgb());
         encoder.write_frame(&Frame { delay, ..changed(&before, &now, [width, height]) })?;
         before = now;
-        progress(k + 1, sheet.chosen.len());
+        progress(k + 1, frames);
     }
     Ok(())
 }
@@ -167,7 +174,7 @@ mod tests {
         let (pages, delays, width) = play(&write(images.view(), 10.0));
         assert_eq!(delays, [10; 4]);
         let settings = PictureSettings { title: "walk".into(), ..Default::default() };
-        let layout = SheetLayout { most: MAX_FRAMES, cells: 1, side: SIDE, zoom: 1 };
+        let layout = SheetLayout { most: MAX_FRAMES, group: 1, cells: 1, side: SIDE, zoom: 1 };
         let sheet = ImageSheet::new(images.view(), &disc(16), &settings, layout).unwrap();
         let palette = Palette::new(sheet.scale.colors());
         for (k, page) in pages.iter().enumerate() {
@@ -201,6 +208,22 @@ mod tests {
         .unwrap();
         assert_eq!(last, (300, 300));
         assert_eq!(play(&bytes).1, vec![2; 300]);
+    }
+
+    /// Three images a frame: the first two frames of six images, the panels beside each other.
+    #[test]
+    fn images_of_a_frame_stand_side_by_side() {
+        let settings = PictureSettings { columns: Some(3), ..Default::default() };
+        let (mut bytes, mut last) = (Vec::new(), (0, 0));
+        let images = walk(7, 8);
+        write_gif(images.view(), &disc(4), &settings, 5.0, &mut bytes, &mut |done, all| {
+            last = (done, all);
+        })
+        .unwrap();
+        assert_eq!(last, (2, 2));
+        let (pages, _, width) = play(&bytes);
+        assert_eq!(pages.len(), 2);
+        assert!(width > 3 * SMALL_SIDE as usize, "{width}");
     }
 
     #[test]

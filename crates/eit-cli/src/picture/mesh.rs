@@ -53,6 +53,7 @@ pub(crate) fn draw_mesh(
             title: &settings.title,
             note: &joined(&notes),
             cells: 1,
+            columns: None,
             cell_size: panel.size,
             label_width: None,
             scale: scale.as_ref(),

@@ -18,6 +18,7 @@ mod plot;
 mod scale;
 mod sheet;
 mod text;
+mod tracks;
 
 pub(crate) use animation::write_gif;
 pub(crate) use canvas::Canvas;
@@ -25,6 +26,7 @@ pub(crate) use colormap::ColorMap;
 pub(crate) use mesh::{MeshDrawing, draw_mesh};
 pub(crate) use plot::{Plot, Series, draw_plot};
 pub(crate) use sheet::draw_sheet;
+pub(crate) use tracks::{Track, TracksPanel, draw_tracks};
 
 /// Where a raster lies: the outer borders of its pixels, in metres.
 ///
@@ -100,6 +102,9 @@ pub(crate) struct PictureSettings {
     pub labels: FrameLabels,
     /// Places that are marked in each frame, metres; empty, or one list for each frame.
     pub marks_m: Vec<Vec<[f64; 2]>>,
+    /// Images to a row of a sheet (left out: near the shape of a page); in an animation, images
+    /// side by side, which are taken in groups of so many.
+    pub columns: Option<usize>,
     /// Bilinear between pixel centres, which also fills half a pixel of NaN at the rim of the
     /// skin and of holes in the data; false shows each pixel as the square it is.
     pub smooth: bool,
@@ -119,6 +124,7 @@ impl Default for PictureSettings {
             range: None,
             labels: FrameLabels::Number,
             marks_m: Vec::new(),
+            columns: None,
             smooth: true,
             zoom: 2,
         }

@@ -30,6 +30,8 @@ pub(super) struct PageSettings<'a> {
     pub(super) note: &'a str,
     /// Number of panels.
     pub(super) cells: usize,
+    /// Panels to a row; left out: chosen.
+    pub(super) columns: Option<usize>,
     /// Size of each, in points.
     pub(super) cell_size: [f64; 2],
     /// Width of the widest label under a panel; none: no room for labels.
@@ -50,13 +52,14 @@ impl Page {
     /// Lays the page out and writes what does not change from frame to frame. Long, but one
     /// chain: each length follows from those before.
     pub(super) fn new(settings: &PageSettings<'_>, font: Font) -> Self {
-        let PageSettings { cells, cell_size, label_width, scale, zoom, .. } = *settings;
+        let PageSettings { cells, columns: wanted, cell_size, label_width, scale, zoom, .. } =
+            *settings;
         let label_height = label_width.map_or(0.0, |_| (LABEL_EM * LEADING).ceil());
         let step = [
             cell_size[0].max(label_width.unwrap_or(0.0).ceil() + GAP[0]) + GAP[0],
             cell_size[1] + label_height + GAP[0],
         ];
-        let columns = columns(cells, step);
+        let columns = wanted.unwrap_or_else(|| columns(cells, step)).clamp(1, cells.max(1));
         let rows = cells.max(1).div_ceil(columns);
         let grid = [columns as f64 * step[0] - GAP[0], rows as f64 * step[1] - GAP[0]];
         let bar_height = grid[1].clamp(BAR_HEIGHT[0], BAR_HEIGHT[1] + BAR_HEADING) - BAR_HEADING;

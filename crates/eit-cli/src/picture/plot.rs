@@ -18,7 +18,7 @@ const LINE_HEIGHT: f64 = 18.0;
 const PADDING: f64 = 0.04;
 /// Colours that colour-blind readers tell apart (M. Okabe, K. Ito, "Color Universal Design",
 /// 2008), without the yellow that is too pale for lines on paper.
-const COLORS: [Rgb; 7] = [
+pub(super) const COLORS: [Rgb; 7] = [
     [0, 114, 178],
     [213, 94, 0],
     [0, 158, 115],

@@ -35,7 +35,7 @@ pub(crate) fn draw_sheet(
     let cells = images.len_of(Axis(0)).min(MAX_PANELS);
     let side = PANEL_SIDES[usize::from(cells > 1) + usize::from(cells > 4)];
     let zoom = settings.zoom.clamp(1, 4);
-    let layout = SheetLayout { most: MAX_PANELS, cells, side, zoom };
+    let layout = SheetLayout { most: MAX_PANELS, group: 1, cells, side, zoom };
     let sheet = ImageSheet::new(images, skin, settings, layout)?;
     let mut canvas = sheet.page.canvas.clone();
     for cell in 0..cells {
@@ -48,6 +48,8 @@ pub(crate) fn draw_sheet(
 pub(super) struct SheetLayout {
     /// Most frames to choose.
     pub(super) most: usize,
+    /// Images that belong to one frame.
+    pub(super) group: usize,
     /// Panels side by side.
     pub(super) cells: usize,
     /// Longer side of each, in points.
@@ -81,8 +83,9 @@ impl<'a> ImageSheet<'a> {
         if images.is_empty() {
             return Err(PictureError::Empty { frames, rows, columns });
         }
-        let SheetLayout { most, cells, side, zoom } = layout;
-        let chosen = evenly_chosen(frames, most);
+        let SheetLayout { most, group, cells, side, zoom } = layout;
+        let groups = evenly_chosen(frames / group, most);
+        let chosen: Vec<usize> = groups.iter().flat_map(|g| g * group..(g + 1) * group).collect();
         let scale = Scale::new(images.iter(), settings)?;
         let labels = labels(&settings.labels, frames, &chosen)?;
         let font = Font::load()?;
@@ -91,7 +94,7 @@ impl<'a> ImageSheet<'a> {
         let panel = Panel::new(skin, side, zoom, &font)?;
         let mut notes = vec![settings.footnote.clone()];
         if chosen.len() < frames {
-            notes.push(format!("{} of {frames} frames", chosen.len()));
+            notes.push(format!("{} of {} frames", groups.len(), frames / group));
         }
         notes.extend(scale.remarks.iter().cloned());
         let page = Page::new(
@@ -99,6 +102,7 @@ impl<'a> ImageSheet<'a> {
                 title: &settings.title,
                 note: &joined(&notes),
                 cells,
+                columns: settings.columns,
                 cell_size: panel.size,
                 label_width: labels.iter().map(|l| font.width(l, LABEL_EM)).reduce(f64::max),
                 scale: Some(&scale),

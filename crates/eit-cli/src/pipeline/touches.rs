@@ -15,6 +15,7 @@ use eit_inverse::{
     ReferenceSettings, Workspace,
 };
 use eit_mesh::Raster;
+use ndarray::{ArrayView3, Axis};
 
 /// Frames a second where nobody says.
 const DEFAULT_RATE_HZ: f64 = 20.0;
@@ -60,13 +61,15 @@ impl Touches {
     }
 }
 
-/// Finds touches in the one-step images of frames, whatever method makes the pictures: their noise
-/// is known cell by cell. `None` where the noise of the data is unknown. `gain` as in
-/// [`noise::known`].
+/// Finds touches in the images of a net where there are some, [frame, row, column]; otherwise in the
+/// one-step images of frames, whatever method makes the pictures: their noise is known cell by cell,
+/// and its floor is well above the noise of a net's images. `None` where the noise of the data is
+/// unknown. `gain` as in [`noise::known`].
 pub(crate) fn touches(
     scene: &Scene,
     (setup, linearised): (&Setup, &Linearised),
     (frames, gain): (&Frames, f64),
+    denoised: Option<ArrayView3<'_, f64>>,
     progress: &mut Progress,
 ) -> Result<Option<Touches>, CliError> {
     let rate_hz = frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
@@ -75,13 +78,23 @@ pub(crate) fn touches(
     check_images(frames.values.nrows(), &finder.raster)?;
     progress.stage("touches", || {
         let mut rows = Vec::new();
+        let mut pixels = vec![0.0; finder.raster.masked_pixels().len()];
         for frame in 0..frames.values.nrows() {
             let time_s = frame as f64 / rate_hz;
             let values = frames.values.row(frame).to_vec();
             let good = frames.good.row(frame);
-            let found = finder
-                .push(&values, |i| good[i], time_s)
+            finder
+                .image(&values, |i| good[i], time_s)
                 .map_err(|e| e.within(&format!("frame {frame}")))?;
+            let denoised = match &denoised {
+                Some(images) => {
+                    let image = images.index_axis(Axis(0), frame);
+                    finder.raster.pixels_from_image_into(image, &mut pixels)?;
+                    Some(&*pixels)
+                }
+                None => None,
+            };
+            let found = finder.find(denoised, time_s)?;
             rows.extend(found.iter().map(|touch| (frame, time_s, *touch)));
         }
         Ok(Some(Touches {
@@ -146,13 +159,13 @@ impl TouchFinder {
         }))
     }
 
-    /// Takes a frame; its touches.
-    pub fn push(
+    /// Takes a frame: its reference and one-step image. [`find`](Self::find) is next.
+    pub fn image(
         &mut self,
         values: &[f64],
         is_good: impl Fn(usize) -> bool,
         time_s: f64,
-    ) -> Result<&[Touch], CliError> {
+    ) -> Result<(), CliError> {
         self.bad.clear();
         self.bad.extend((0..self.used.len()).filter(|&i| self.used[i] && !is_good(i)));
         if self.bad.is_empty() {
@@ -166,7 +179,12 @@ impl TouchFinder {
             memory,
             &mut self.pixels,
         )?;
-        let found = self.stream.push(&self.pixels, time_s)?;
+        Ok(())
+    }
+
+    /// The touches of the frame at hand, in its one-step image or in another of its images.
+    pub fn find(&mut self, other: Option<&[f64]>, time_s: f64) -> Result<&[Touch], CliError> {
+        let found = self.stream.push(other.unwrap_or(&self.pixels), time_s)?;
         self.touched = found.iter().any(|touch| touch.state != TouchState::End);
         Ok(found)
     }
@@ -177,7 +195,17 @@ impl TouchFinder {
         self.stream.threshold() * largest
     }
 
-    /// The image of the last frame, a value for each pixel of the skin.
+    /// What is subtracted from the frame at hand, `[measurement]`.
+    pub fn reference(&self) -> &[f64] {
+        &self.drift.reference
+    }
+
+    /// Measurements that count.
+    pub fn used(&self) -> &[bool] {
+        &self.used
+    }
+
+    /// The one-step image of the last frame, a value for each pixel of the skin.
     pub fn pixels(&self) -> &[f64] {
         &self.pixels
     }

@@ -1,5 +1,9 @@
 //! Total variation: its Jacobian on pixels, its weights, and the frames that need no solve.
 
+mod live;
+
+pub(crate) use live::{WINDOW, stream};
+
 use super::noise::DataNoise;
 use super::part::Part;
 use super::{Linearised, Setup};

@@ -189,7 +189,8 @@ impl Scene {
                 Some(Ok(between)) => Ok(PairPattern::Skip(between)),
                 _ => Err(self.error(format!(
                     "{key} = \"{other}\" is none of \"adjacent\", \"opposite\", \"skip-N\" \
-                     (N electrodes between), \"trigonometric\" (protocol.drive only)"
+                     (N electrodes between){}",
+                    if key == "protocol.drive" { ", \"trigonometric\"" } else { "" }
                 ))),
             },
         }

@@ -1,7 +1,8 @@
 //! The scene file: what skin, which electrodes, how it is driven, what is wanted.
 //!
 //! TOML to plain structs, then to the settings of the library crates. A scene is checked whole
-//! before any work. Relative paths are relative to the scene file.
+//! before any work. Relative paths are relative to the scene file. Long because the keys are one list, in
+//! the order of docs/SCENE.md.
 
 mod build;
 mod builtin;

@@ -10,6 +10,9 @@ pub(crate) struct Reconstruction {
     pub pixels: Option<usize>,
     /// Time that an image may take, seconds: what is not stated is chosen for it.
     pub frame_time_s: Option<f64>,
+    /// The method is not the scene's word but was chosen for that time.
+    #[serde(skip)]
+    pub chosen_in_time: bool,
     pub prior: Option<PriorKind>,
     pub correlation_length_m: Option<f64>,
     pub hyperparameter: Option<Hyperparameter>,

@@ -32,7 +32,7 @@ struct Range {
 
 impl Range {
     fn of(&mut self, sight: &Sight<'_>) -> f64 {
-        let size = sight.finder.pixels().iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+        let size = sight.movie.pixels().iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         self.largest.push_back(size);
         if self.largest.len() > RANGE_FRAMES {
             self.largest.pop_front();
@@ -44,7 +44,7 @@ impl Range {
 
 /// The image of a sight, [1, row, column].
 fn image(sight: &Sight<'_>) -> Result<Array3<f64>, CliError> {
-    let pixels = sight.finder.pixels();
+    let pixels = sight.movie.pixels();
     let row = ArrayView2::from_shape((1, pixels.len()), pixels)
         .map_err(|e| CliError::Failure(format!("image: {e}")))?;
     Ok(sight.finder.raster.images_from_pixels(row)?)
@@ -76,7 +76,7 @@ impl Picture {
         let marks = sight.touches.iter().filter(|touch| touch.valid);
         let settings = PictureSettings {
             title: model.scene.name.clone(),
-            footnote: "one-step Gauss-Newton, noise figure 1".to_owned(),
+            footnote: sight.movie.words().to_owned(),
             labels: FrameLabels::Text(vec![format!(
                 "frame {}, {:.2} s",
                 sight.frame.sequence, sight.time_s

@@ -1,10 +1,11 @@
 //! Images through a trained net, frame by frame, in memory that is reserved once.
 
-use super::kernel::{Packed, Plane, double, halve};
+use super::net::{Net, Run};
 use super::{UnetShape, Weights};
 use crate::{DenoiseError, ImageStack};
 use ndarray::{Array2, ArrayView2, ArrayViewMut2, Axis};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Arch;
+use std::ops::Range;
 
 /// A U-net ready for the images of one skin.
 ///
@@ -15,6 +16,9 @@ use pulp::{Arch, Simd, WithSimd};
 /// machine whose compiler fuses multiply and add alike.
 ///
 /// Nothing is allocated after [`Denoiser::new`].
+///
+/// The net alone would not give zero for zero: it has biases. `s N(x / s)` does, as its limit for
+/// small images, so the net does not run where all it would see is zero.
 #[derive(Debug, Clone)]
 pub struct Denoiser {
     net: Net,
@@ -23,32 +27,22 @@ pub struct Denoiser {
     history: Vec<f64>,
     /// Places of masked pixels in a plane.
     places: Vec<usize>,
+    /// Masked pixels as runs of an image in memory.
+    runs: Vec<Range<usize>>,
+    /// The history is zero.
+    silent: bool,
     pushed: usize,
     arch: Arch,
 }
 
-/// Convolutions and the planes between them.
-#[derive(Debug, Clone)]
-struct Net {
-    shape: UnetShape,
-    convolutions: Vec<Packed>,
-    head: Vec<f32>,
-    head_bias: f32,
-    levels: Vec<Level>,
-    image: Vec<f32>,
-}
-
-/// Memory of one level.
-#[derive(Debug, Clone)]
-struct Level {
-    plane: Plane,
-    input: Vec<f32>,
-    /// Between two convolutions.
-    middle: Vec<f32>,
-    /// The level's own channels, then those from below.
-    joined: Vec<f32>,
-    /// What goes up.
-    output: Vec<f32>,
+/// What an image took.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum NetStatus {
+    /// The net ran.
+    Computed,
+    /// This image and those before it that the net sees are zero, and so is the result: the net did
+    /// not run.
+    Zero,
 }
 
 impl Denoiser {
@@ -68,8 +62,9 @@ impl Denoiser {
         let masked = || mask.indexed_iter().filter(|(_, inside)| **inside).map(|(place, _)| place);
         let places: Vec<usize> = masked().map(|(r, c)| plane.row(r) + c).collect();
         let history = vec![0.0; weights.shape.history * places.len()];
-        let mut denoiser =
-            Self { net, mask: mask.to_owned(), history, places, pushed: 0, arch: Arch::new() };
+        let (mask, runs) = (mask.to_owned(), runs(mask));
+        let (silent, pushed, arch) = (true, 0, Arch::new());
+        let mut denoiser = Self { net, mask, history, places, runs, silent, pushed, arch };
         // the last input never changes
         let channel = weights.shape.history * plane.len();
         for &place in &denoiser.places {
@@ -86,12 +81,13 @@ impl Denoiser {
     /// Forgets the frames so far: a new sequence begins.
     pub fn reset(&mut self) {
         self.history.fill(0.0);
+        self.silent = true;
         self.pushed = 0;
     }
 
     /// The next frame of a sequence: writes what the net makes of `image`, both [row, column], NaN
     /// outside the mask. Outside, `image` is not looked at. A frame that is refused leaves the
-    /// sequence as it was.
+    /// sequence as it was. An image of zeros after such images alone costs one look at it.
     ///
     /// # Errors
     /// [`DenoiseError::ShapeMismatch`]; [`DenoiseError::NonFinitePixel`], frames counted since the
@@ -100,12 +96,17 @@ impl Denoiser {
         &mut self,
         image: ArrayView2<'_, f64>,
         mut out: ArrayViewMut2<'_, f64>,
-    ) -> Result<(), DenoiseError> {
+    ) -> Result<NetStatus, DenoiseError> {
         for found in [image.dim(), out.dim()] {
             if found != self.mask.dim() {
                 let (images, mask) = ([found.0, found.1], [self.mask.nrows(), self.mask.ncols()]);
                 return Err(DenoiseError::ShapeMismatch { images, mask });
             }
+        }
+        if self.silent && self.is_zero(image) {
+            self.pushed += 1;
+            self.write_zero(out);
+            return Ok(NetStatus::Zero);
         }
         self.check(image)?;
         let pixels = self.places.len();
@@ -122,8 +123,10 @@ impl Denoiser {
         }
         self.pushed += 1;
         let scale = self.history.iter().fold(0.0_f64, |most, v| v.abs().max(most));
-        self.net.image.fill(0.0);
-        if scale > 0.0 {
+        self.silent = scale == 0.0;
+        if self.silent {
+            self.net.image.fill(0.0);
+        } else {
             let Self { net, history, places, .. } = self;
             let input = &mut net.levels[0];
             let channels = input.input.chunks_exact_mut(input.plane.len());
@@ -141,7 +144,31 @@ impl Denoiser {
                 *out = if *inside { scale * f64::from(*value) } else { f64::NAN };
             }
         }
-        Ok(())
+        Ok(if self.silent { NetStatus::Zero } else { NetStatus::Computed })
+    }
+
+    /// Whether all masked pixels are zero. Left at the first run that is not; a run without a branch
+    /// for each pixel.
+    fn is_zero(&self, image: ArrayView2<'_, f64>) -> bool {
+        match image.as_slice() {
+            // all bits but the sign
+            Some(values) => self.runs.iter().all(|run| {
+                values[run.clone()].iter().fold(0, |bits, v| bits | v.to_bits()) << 1 == 0
+            }),
+            None => image.iter().zip(&self.mask).all(|(value, inside)| !inside || *value == 0.0),
+        }
+    }
+
+    /// Zero inside the mask, NaN outside.
+    fn write_zero(&self, mut out: ArrayViewMut2<'_, f64>) {
+        if let Some(values) = out.as_slice_mut() {
+            values.fill(f64::NAN);
+            self.runs.iter().for_each(|run| values[run.clone()].fill(0.0));
+            return;
+        }
+        for (out, inside) in out.iter_mut().zip(&self.mask) {
+            *out = if *inside { 0.0 } else { f64::NAN };
+        }
     }
 
     fn check(&self, image: ArrayView2<'_, f64>) -> Result<(), DenoiseError> {
@@ -183,79 +210,14 @@ impl Denoiser {
     }
 }
 
-impl Net {
-    /// Packs valid weights and reserves all planes.
-    fn new(weights: &Weights, size: [usize; 2]) -> Self {
-        let shape = weights.shape;
-        let [rows, columns] = shape.padded(size);
-        let plane = |level: usize| Plane { rows: rows >> level, columns: columns >> level };
-        let planes = |level: usize, channels: usize| vec![0.0; channels * plane(level).len()];
-        let level = |level: usize| {
-            let channels = shape.channels(level);
-            let below = if level < shape.depth { shape.channels(level + 1) } else { 0 };
-            let inputs = level.checked_sub(1).map_or(shape.inputs(), |above| shape.channels(above));
-            Level {
-                plane: plane(level),
-                input: planes(level, inputs),
-                middle: planes(level, channels),
-                joined: planes(level, channels + below),
-                output: planes(level, channels),
-            }
-        };
-        let mut convolutions = Vec::new();
-        let (mut head, mut head_bias) = (Vec::new(), 0.0);
-        let mut rest = weights.parameters.as_slice();
-        for convolution in shape.convolutions() {
-            let (own, others) = rest.split_at(convolution.weights());
-            let (biases, others) = others.split_at(convolution.outputs);
-            rest = others;
-            match convolution.side {
-                1 => (head, head_bias) = (own.to_vec(), biases.iter().sum()),
-                _ => convolutions.push(Packed::new(own, biases, convolution.inputs)),
-            }
-        }
-        let levels = (0..=shape.depth).map(level).collect();
-        Self { shape, convolutions, head, head_bias, levels, image: planes(0, 1) }
-    }
-}
-
-/// One image through the net.
-struct Run<'a>(&'a mut Net);
-
-impl WithSimd for Run<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Net { shape, convolutions, head, head_bias, levels, image } = self.0;
-        let mut next = convolutions.chunks_exact(2);
-        for level in 0..=shape.depth {
-            let Some([first, second]) = next.next() else { return };
-            let (above, below) = levels.split_at_mut(level + 1);
-            let here = &mut above[level];
-            first.run::<true>(here.plane, &here.input, &mut here.middle);
-            if let Some(below) = below.first_mut() {
-                second.run::<true>(here.plane, &here.middle, &mut here.joined);
-                halve(here.plane, &here.joined, below.plane, &mut below.input);
-            } else {
-                second.run::<true>(here.plane, &here.middle, &mut here.output);
-            }
-        }
-        for level in (0..shape.depth).rev() {
-            let Some([first, second]) = next.next() else { return };
-            let (above, below) = levels.split_at_mut(level + 1);
-            let (here, below) = (&mut above[level], &below[0]);
-            let own = shape.channels(level) * here.plane.len();
-            double(below.plane, &below.output, here.plane, &mut here.joined[own..]);
-            first.run::<true>(here.plane, &here.joined, &mut here.middle);
-            second.run::<true>(here.plane, &here.middle, &mut here.output);
-        }
-        let top = &levels[0];
-        image.fill(*head_bias);
-        for (weight, plane) in head.iter().zip(top.output.chunks_exact(top.plane.len())) {
-            for (sum, value) in image.iter_mut().zip(plane) {
-                *sum = weight.mul_add(*value, *sum);
-            }
+/// Runs of masked pixels, row by row.
+fn runs(mask: ArrayView2<'_, bool>) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    for (place, _) in mask.iter().enumerate().filter(|(_, inside)| **inside) {
+        match runs.last_mut() {
+            Some(run) if run.end == place => run.end += 1,
+            _ => runs.push(place..place + 1),
         }
     }
+    runs
 }

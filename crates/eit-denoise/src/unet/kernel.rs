@@ -1,5 +1,6 @@
 //! Convolutions on planes of padded rows. Everything here is `inline(always)`, so that it is
-//! compiled for the widest registers of the machine inside `pulp`'s dispatch (see `denoiser`).
+//! compiled for the widest registers of the machine inside `pulp`'s dispatch (see `net`). Long
+//! because all operations of the net share one layout:
 //!
 //! A plane has a border of zeros: `rows + 2` rows of `stride = lanes(columns) + 2` values, pixel
 //! `(r, c)` at `(r + 1) * stride + c + 1`. Lanes behind the last column are zero too, so that no

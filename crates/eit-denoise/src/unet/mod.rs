@@ -4,10 +4,11 @@ mod denoiser;
 #[cfg(feature = "train")]
 mod gradient;
 mod kernel;
+mod net;
 mod shape;
 mod weights;
 
-pub use denoiser::Denoiser;
+pub use denoiser::{Denoiser, NetStatus};
 #[cfg(feature = "train")]
 pub(crate) use gradient::{Example, PackedNet, Tape};
 pub use shape::UnetShape;

@@ -1,4 +1,7 @@
 //! Writing of recordings.
+//!
+//! Long because new recordings, those that are gone on with, and every kind of message keep one file
+//! and its counts in step.
 
 mod sink;
 

@@ -93,7 +93,7 @@ impl OneStep {
             map.reconstruct_without_into(values, &references, bad, workspace, image)
         };
         // the reconstruction of one frame knows no other
-        result.map_err(|error| match error {
+        result.map(|_| ()).map_err(|error| match error {
             InverseError::NonFiniteData { measurement, .. } => {
                 InverseError::NonFiniteData { frame: t, measurement, value: row[measurement] }
             }

@@ -1,5 +1,7 @@
 //! From the first iterate to a certified result.
 
+mod constant;
+
 use super::certificate::Evaluation;
 use super::engine::State;
 use super::fit::{self, Memory};
@@ -259,78 +261,6 @@ impl<'a, T: Scalar> Run<'a, T> {
         if let Some(step) = step::measure(self.ops, &self.image) {
             self.first_step = step.clamp(0.1 * self.first_step, 10.0 * self.first_step);
         }
-    }
-
-    /// Values the best constant image: the optimum where the weights are large, and a bound to
-    /// begin with.
-    fn try_constant(&mut self) {
-        let task = self.task;
-        let parts = &task.solver.parts;
-        // one constant for all frames, or one each where nothing links them
-        let count = if task.linked() { task.frames } else { 1 };
-        let mut values = Vec::new();
-        for first in (0..task.frames).step_by(count) {
-            let own = self.constant_values(first..first + count);
-            values.extend(std::iter::repeat_n(own, count));
-        }
-        for (p, &label) in parts.label.iter().enumerate() {
-            let row = &mut self.image.candidate[p * self.image.stride..][..task.frames];
-            for (x, values) in row.iter_mut().zip(&values) {
-                *x = T::from_f64(values[label as usize]);
-            }
-        }
-        self.keep_image();
-        let rank = task.solver.rank();
-        let [rotated, column] = &mut self.columns;
-        for (frame, values) in values.iter().enumerate() {
-            let (mode, target) =
-                (&task.data.modes[task.data.mode_of[frame]], &task.data.targets[frame]);
-            column.fill(0.0);
-            for (sensitivity, value) in parts.sensitivity.iter().zip(values) {
-                column.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
-            }
-            mode.rotate(column, rotated);
-            let own = &mut self.evaluation.data_dual[frame * rank..][..rank];
-            let terms = rotated.iter().zip(&mode.singular).zip(&target.values);
-            own.iter_mut().zip(terms).for_each(|(y, ((u, s), b))| *y = s * u - b);
-        }
-        let bound = self.evaluation.lower_bound(task.solver.arch, &task.problem(), &self.image);
-        self.best.lower_bound = self.best.lower_bound.max(bound);
-    }
-
-    /// Least squares value of each connected part, by sweeps over the parts: one part, the rule,
-    /// needs one.
-    fn constant_values(&mut self, range: std::ops::Range<usize>) -> Vec<f64> {
-        let task = self.task;
-        let parts = &task.solver.parts;
-        let mut values = vec![0.0; parts.sizes.len()];
-        let sweeps = if values.len() == 1 { 1 } else { 50 };
-        for _ in 0..sweeps {
-            for part in 0..values.len() {
-                let (mut along, mut power) = (0.0, 0.0);
-                let targets = &task.data.targets[range.clone()];
-                for (target, &mode) in targets.iter().zip(&task.data.mode_of[range.clone()]) {
-                    let mode = &task.data.modes[mode];
-                    let [own, all] = &mut self.columns;
-                    own.fill(0.0);
-                    for (sensitivity, value) in parts.sensitivity.iter().zip(&values) {
-                        own.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
-                    }
-                    mode.rotate(own, all);
-                    mode.rotate(&parts.sensitivity[part], own);
-                    let terms = own.iter().zip(all.iter()).zip(&mode.singular).zip(&target.values);
-                    for (((own, all), s), b) in terms {
-                        along += s * own * (b - s * all);
-                        power += (s * own).powi(2);
-                    }
-                }
-                values[part] += if power > 0.0 { along / power } else { 0.0 };
-                if let Some([lower, upper]) = task.bounds {
-                    values[part] = values[part].clamp(lower, upper);
-                }
-            }
-        }
-        values
     }
 
     /// One iteration of one of the runs with this step, before one with the next.

@@ -10,7 +10,7 @@ use super::fit::{self, Memory};
 use super::settings::{Fidelity, StreamSettings};
 use super::step;
 use super::window::{Outcome, Which, Window};
-use super::{StTv, weights::quiet_threshold};
+use super::{StTv, quiet::quiet_threshold};
 use crate::data::{check_length, check_positive};
 use crate::{Certificate, InverseError, MovieStatus};
 use std::time::Instant;
@@ -28,7 +28,7 @@ pub struct StreamStep<'a> {
     pub certificate: Certificate,
     /// `|W^1/2 (J x - dv)|` of the lagged frame over its good channels; 0 without an image.
     pub residual: f64,
-    /// The whole window holds nothing but noise: no iteration was needed.
+    /// The whole window holds nothing but noise, or nothing at all: no iteration was needed.
     pub quiet: bool,
     /// Time of this push, seconds.
     pub seconds: f64,
@@ -45,6 +45,10 @@ pub struct StreamStep<'a> {
 /// * A dropped frame ([`push_dropped`](Self::push_dropped)) is a frame without data: the window
 ///   interpolates it. It may as well be left out, since a total variation in time does not depend
 ///   on the frame rate; for the same reason a change of rate needs no call.
+/// * A frame that equals its reference, or differs from it by noise alone, is data like any other as
+///   long as the window holds a touch: its image is coupled to its neighbours', and leaving it out
+///   would change both. Once the whole window is such frames its image is zero, and nothing is
+///   computed ([`StreamStep::quiet`]); without `noise_std` only data that is zero to the bit is.
 /// * Another reference frame moves all data of the window
 ///   ([`change_reference`](Self::change_reference)).
 #[derive(Debug)]
@@ -70,6 +74,8 @@ pub struct StTvStream {
     scale: f64,
     pushed: usize,
     lagged: Vec<f64>,
+    /// Image and proof are zero, so that nothing of them need be moved or cleared.
+    resting: bool,
 }
 
 /// Memory that a push writes before it reads.
@@ -168,6 +174,7 @@ impl StTvStream {
             scale: 0.0,
             pushed: 0,
             lagged: vec![0.0; solver.unknowns()],
+            resting: true,
             solver,
             settings,
         })
@@ -314,8 +321,10 @@ impl StTvStream {
     fn advance(&mut self) {
         let window = self.settings.window;
         self.pushed += 1;
-        self.image.shift();
-        self.proof.shift();
+        if !self.resting {
+            self.image.shift();
+            self.proof.shift();
+        }
         self.window.modes.rotate_left(1);
         self.window.targets.rotate_left(1);
         self.raw.rotate_left(1);
@@ -395,7 +404,9 @@ impl StTvStream {
         let window = self.settings.window;
         let frame = window - 1 - self.settings.lag;
         let known = self.settings.lag < self.filled;
-        if known {
+        if quiet {
+            self.lagged.fill(0.0);
+        } else if known {
             for unknown in 0..self.solver.unknowns() {
                 self.lagged[unknown] = self.value(frame, unknown);
             }
@@ -440,7 +451,7 @@ impl StTvStream {
         if self.scale > 0.0 { self.scale } else { 1.0 }
     }
 
-    /// Nothing but noise in the whole window.
+    /// Nothing but noise in the whole window, or nothing at all.
     fn is_quiet(&self) -> bool {
         let noise = self.solver.settings.noise_std.is_some();
         let zero = self.solver.settings.lower_s <= 0.0 && self.solver.settings.upper_s >= 0.0;
@@ -448,16 +459,20 @@ impl StTvStream {
             let target = &self.window.targets[frame];
             let square = target.values.iter().map(|v| v * v).sum::<f64>() + target.rest_squared;
             let good = if self.dropped[frame] { 0 } else { self.window.modes[frame].good };
-            square * self.scale * self.scale <= quiet_threshold(good as f64)
+            let threshold = if noise { quiet_threshold(good as f64) } else { 0.0 };
+            square * self.scale * self.scale <= threshold
         };
-        zero && (self.scale == 0.0 || noise && (0..self.settings.window).all(quiet))
+        zero && (0..self.settings.window).all(quiet)
     }
 
     /// The zero image, which a quiet window gets.
     fn rest(&mut self) -> Outcome {
-        self.image.clear();
-        self.proof.clear();
-        self.evaluation.image.fill(0.0);
+        if !self.resting {
+            self.image.clear();
+            self.proof.clear();
+            self.evaluation.image.fill(0.0);
+            self.resting = true;
+        }
         let mut square = 0.0;
         for (residual, target) in self.evaluation.residual.iter_mut().zip(&self.window.targets) {
             let own = target.values.iter().map(|v| v * v).sum::<f64>() + target.rest_squared;
@@ -484,6 +499,7 @@ impl StTvStream {
 
     /// Rounds of image, proof and evaluation.
     fn iterate(&mut self, start: Instant) -> Outcome {
+        self.resting = false;
         let StreamSettings { target_gap, max_iterations, deadline, .. } = self.settings;
         let deadline = deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
         let beginning = self.pushed <= MEASURE_EVERY;

@@ -116,8 +116,17 @@ impl Segmenter {
 }
 
 impl Segmenter {
+    /// As after an image of zeros.
+    pub(super) fn clear(&mut self) {
+        self.watershed.clear();
+        self.spots.clear();
+    }
+
     /// Hill of the cell nearest to a place; `None` where that is below the floor.
     pub(super) fn hill_at(&self, place_m: [f64; 3]) -> Option<u32> {
+        if self.watershed.is_empty() {
+            return None;
+        }
         let distance = |p: &[f64; 3]| (0..3).map(|i| (p[i] - place_m[i]).powi(2)).sum::<f64>();
         let places = self.cells.positions_m().iter().enumerate();
         let nearest = places.min_by(|(_, a), (_, b)| distance(a).total_cmp(&distance(b)));

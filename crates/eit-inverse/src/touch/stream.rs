@@ -168,7 +168,8 @@ impl TouchStream {
     }
 
     /// Takes one image `[cell]` of the conductivity change, siemens, at `time_s`, and returns the
-    /// touches by ascending id; one that ends is among them once more.
+    /// touches by ascending id; one that ends is among them once more. Of an image that is zero
+    /// everywhere only that is looked at.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`], [`InverseError::NonFiniteImage`],
@@ -179,6 +180,33 @@ impl TouchStream {
             let (frame, value) = (self.frame, image[cell]);
             return Err(InverseError::NonFiniteImage { frame, cell, value });
         }
+        if image.iter().all(|x| *x == 0.0) {
+            return self.push_unchanged(time_s);
+        }
+        let dt = self.advance(time_s)?;
+        let TouchStreamSettings { sign, relative_floor, prominence, .. } = self.settings;
+        let rules = Rules { sign, level: self.level, relative_floor, prominence };
+        self.dropped = self.segmenter.run(image, &self.floor, &rules);
+        self.tracker.run(&self.segmenter, (time_s, dt), &self.settings, self.effective_cells);
+        Ok(&self.tracker.touches)
+    }
+
+    /// [`push`](Self::push) of an image that is known to be zero everywhere, as
+    /// [`FrameStatus::Unchanged`](crate::FrameStatus::Unchanged) says: the same touches, and no
+    /// image to look at. Touches that were there are missed, and end as they would.
+    ///
+    /// # Errors
+    /// [`InverseError::TimeOrder`]. The stream is then as before.
+    pub fn push_unchanged(&mut self, time_s: f64) -> Result<&[Touch], InverseError> {
+        let dt = self.advance(time_s)?;
+        self.dropped = 0;
+        self.segmenter.clear();
+        self.tracker.run(&self.segmenter, (time_s, dt), &self.settings, self.effective_cells);
+        Ok(&self.tracker.touches)
+    }
+
+    /// Moves the clock on; the time since the image before.
+    fn advance(&mut self, time_s: f64) -> Result<f64, InverseError> {
         let before_s = self.before_s.unwrap_or(f64::NEG_INFINITY);
         if !(time_s.is_finite() && time_s > before_s) {
             return Err(InverseError::TimeOrder { frame: self.frame, time_s, before_s });
@@ -186,11 +214,7 @@ impl TouchStream {
         let dt = self.before_s.map_or(0.0, |before_s| time_s - before_s);
         self.frame += 1;
         self.before_s = Some(time_s);
-        let TouchStreamSettings { sign, relative_floor, prominence, .. } = self.settings;
-        let rules = Rules { sign, level: self.level, relative_floor, prominence };
-        self.dropped = self.segmenter.run(image, &self.floor, &rules);
-        self.tracker.run(&self.segmenter, (time_s, dt), &self.settings, self.effective_cells);
-        Ok(&self.tracker.touches)
+        Ok(dt)
     }
 
     /// Touches of the last image.

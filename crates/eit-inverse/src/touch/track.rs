@@ -38,6 +38,8 @@ pub(super) struct Tracker {
     taken: Vec<bool>,
     /// Id of the touch whose blob each cell was in, 0 for none.
     owner: Vec<u64>,
+    /// Whether any cell may have an owner.
+    owned: bool,
     next_id: u64,
     capacity: usize,
     pub(super) touches: Vec<Touch>,
@@ -52,6 +54,7 @@ impl Tracker {
             assignment: Assignment::new(capacity, most + capacity),
             taken: vec![false; most],
             owner: vec![0; cells],
+            owned: false,
             next_id: 1,
             capacity,
             touches: Vec::with_capacity(capacity),
@@ -214,7 +217,9 @@ impl Tracker {
 
     /// Marks the cells of named touches.
     fn own(&mut self, segmenter: &Segmenter) {
-        self.owner.fill(0);
+        if std::mem::replace(&mut self.owned, !segmenter.watershed.is_empty()) {
+            self.owner.fill(0);
+        }
         for cell in segmenter.watershed.cells() {
             let hill = segmenter.watershed.hill(cell);
             let track = self.tracks.iter().find(|t| t.missed == 0 && t.spot.hill == hill);

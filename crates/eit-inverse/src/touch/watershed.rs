@@ -37,10 +37,7 @@ impl Watershed {
         above: impl Fn(usize) -> bool,
         stands_out: impl Fn(usize, usize) -> bool,
     ) {
-        self.order.clear();
-        self.parent.clear();
-        self.tops.clear();
-        self.label.fill(NONE);
+        self.clear();
         self.order.extend((0..heights.len() as u32).filter(|&k| above(k as usize)));
         self.order.sort_unstable_by(|&a, &b| {
             heights[b as usize].total_cmp(&heights[a as usize]).then(a.cmp(&b))
@@ -72,6 +69,20 @@ impl Watershed {
             let label = self.root(self.label[cell as usize]);
             self.label[cell as usize] = label;
         }
+    }
+
+    /// Forgets the hills.
+    pub(crate) fn clear(&mut self) {
+        for cell in self.order.drain(..) {
+            self.label[cell as usize] = NONE;
+        }
+        self.parent.clear();
+        self.tops.clear();
+    }
+
+    /// Whether no cell is above the floor.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.order.is_empty()
     }
 
     fn root(&self, mut hill: u32) -> u32 {

@@ -2,15 +2,12 @@
 
 use crate::error::CliError;
 use crate::machine::Machine;
-use crate::measured::{Measured, Nearest, Table, nearest};
+use crate::measured::{BUDGETS_S, Measured, Nearest, Table, best, nearest, suits};
 use crate::method::Method;
 use crate::pipeline::tv::DEFAULT_TARGET_GAP;
 use crate::pipeline::{DEFAULT_PIXELS, Setup};
 use crate::scene::Scene;
 use serde_json::{Value, json};
-
-/// Times that a frame may take, seconds.
-const BUDGETS_S: [f64; 3] = [1e-2, 1e-3, 1e-4];
 
 /// Error, cost, and what would be better for the time a frame may take.
 pub(crate) struct Expected {
@@ -19,8 +16,16 @@ pub(crate) struct Expected {
     pub row: Option<Measured>,
     /// Budget, whether live, and the best within it.
     best: Vec<(f64, bool, Option<Measured>)>,
-    /// Time here over that where the table was measured.
-    slowness: f64,
+    machine: Machine,
+}
+
+/// The scene as `frame_time_s` would find it if the user had not yet chosen: bounds, noise and rule
+/// stay.
+fn open(scene: &Scene) -> Scene {
+    let mut scene = scene.clone();
+    let keys = &mut scene.reconstruction;
+    (keys.method, keys.pixels, keys.target_gap) = (None, None, None);
+    scene
 }
 
 impl Expected {
@@ -37,15 +42,14 @@ impl Expected {
         let keys = &scene.reconstruction;
         let pixels = keys.pixels.unwrap_or(DEFAULT_PIXELS);
         let gap = keys.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
-        let bounded = keys.lower_s.is_some_and(|lower| lower >= 0.0);
-        let row = table.of(nearest.scene, (method, bounded), (pixels, gap)).cloned();
-        let kinds = [false, true].map(|live| {
-            BUDGETS_S.map(|budget_s| {
-                (budget_s, live, table.best(nearest.scene, (budget_s, live), |_| true).cloned())
-            })
-        });
-        let slowness = row.as_ref().map_or(1.0, |row| row.slowness(machine));
-        Ok(Self { nearest, row, best: kinds.into_iter().flatten().collect(), slowness })
+        let row = table.of(nearest.scene, (scene, method), (pixels, gap)).cloned();
+        let wishes = open(scene);
+        let rows = table.of_scene(nearest.scene).filter(|row| suits(&wishes, row));
+        let of = |live| {
+            BUDGETS_S.map(|budget| (budget, live, best(rows.clone(), (budget, live)).cloned()))
+        };
+        let best = [of(false), of(true)].concat();
+        Ok(Self { nearest, row, best, machine: machine.clone() })
     }
 
     /// Relative error of the images.
@@ -65,13 +69,17 @@ impl Expected {
             ),
             None => format!("expected error of the images: not measured on {scene} ({why})"),
         }];
-        lines.push("least error within the time that a frame may take here".to_owned());
+        lines.push(
+            "least error within the time of a frame, of what this scene allows (frame_time_s takes \
+             it), and the time here"
+                .to_owned(),
+        );
         for (budget_s, live, row) in &self.best {
             let kind = if *live { "live" } else { "recorded" };
             let found = row.as_ref().map_or_else(
                 || "nothing is so fast".to_owned(),
                 |row| {
-                    let time_ms = row.ms_a_frame * self.slowness;
+                    let time_ms = row.cost_ms_a_frame * row.slowness(&self.machine);
                     format!("{}: error {:.2}, {time_ms:.2} ms", row.words(), row.relative_error)
                 },
             );
@@ -86,11 +94,13 @@ impl Expected {
             json!({
                 "budget_s": budget_s,
                 "live": live,
-                "solver": row.as_ref().map(|row| &row.solver),
+                "solver": row.as_ref().map(Measured::label),
                 "pixels": row.as_ref().and_then(|row| row.pixels),
                 "target_gap": row.as_ref().and_then(|row| row.target_gap),
                 "relative_error": row.as_ref().map(|row| row.relative_error),
-                "expected_time_s": row.as_ref().map(|row| 1e-3 * row.ms_a_frame * self.slowness),
+                "expected_time_s": row.as_ref().map(|row| {
+                    1e-3 * row.cost_ms_a_frame * row.slowness(&self.machine)
+                }),
             })
         };
         json!({

@@ -6,7 +6,7 @@ use crate::pipeline::Setup;
 use crate::scene::Scene;
 
 /// What the scene does not use, and why.
-pub(super) fn of(
+pub(in crate::commands) fn of(
     scene: &Scene,
     setup: &Setup,
     method: Method,

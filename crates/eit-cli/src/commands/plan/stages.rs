@@ -245,7 +245,7 @@ impl Sizes<'_> {
             // in proportion to the frames that it looks at; other machines are counted in below
             Some(row) if row.choice_s > 0.0 => {
                 let frames = |count: usize| count.min(TV_TRIAL_FRAMES).next_multiple_of(TV_LANES);
-                let part = frames(count) as f64 / frames(row.frames()) as f64;
+                let part = frames(count) as f64 / frames(row.frames) as f64;
                 row.choice_s * part * 1e9 * row.machine_gflops / FITTED_FLOPS_PER_S
             }
             _ => trials / TV_FLOPS_PER_S,

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use std::io::Write;
 
 /// Columns of `touches.csv`.
-const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,area_m2,intensity,confidence,std_x,std_y,\
+pub(in crate::commands) const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,area_m2,intensity,confidence,std_x,std_y,\
                       vx,vy,valid";
 
 /// One row for each touch of each frame.
@@ -17,23 +17,30 @@ pub(in crate::commands) fn write_csv(
     out: &mut dyn Write,
 ) -> Result<(), CliError> {
     writeln!(out, "{HEADER}").map_err(io)?;
-    for (frame, time_s, touch) in rows {
-        let state = match touch.state {
-            TouchState::Begin => "begin",
-            TouchState::Hold => "hold",
-            TouchState::End => "end",
-        };
-        let ([x, y, z], [vx, vy, _]) = (touch.position_m, touch.velocity_m_s);
-        let [std_x, std_y, _] = touch.position_std_m();
-        writeln!(
-            out,
-            "{frame},{time_s:.6},{},{state},{x:.6},{y:.6},{z:.6},{:.6e},{:.6e},{:.4},{std_x:.3e},\
-             {std_y:.3e},{vx:.4},{vy:.4},{}",
-            touch.id, touch.area_m2, touch.intensity_s_m2, touch.confidence, touch.valid
-        )
-        .map_err(io)?;
-    }
-    Ok(())
+    rows.iter().try_for_each(|(frame, time_s, touch)| write_row(*frame as u64, *time_s, touch, out))
+}
+
+/// One row of it.
+pub(in crate::commands) fn write_row(
+    frame: u64,
+    time_s: f64,
+    touch: &Touch,
+    out: &mut dyn Write,
+) -> Result<(), CliError> {
+    let state = match touch.state {
+        TouchState::Begin => "begin",
+        TouchState::Hold => "hold",
+        TouchState::End => "end",
+    };
+    let ([x, y, z], [vx, vy, _]) = (touch.position_m, touch.velocity_m_s);
+    let [std_x, std_y, _] = touch.position_std_m();
+    writeln!(
+        out,
+        "{frame},{time_s:.6},{},{state},{x:.6},{y:.6},{z:.6},{:.6e},{:.6e},{:.4},{std_x:.3e},\
+         {std_y:.3e},{vx:.4},{vy:.4},{}",
+        touch.id, touch.area_m2, touch.intensity_s_m2, touch.confidence, touch.valid
+    )
+    .map_err(io)
 }
 
 /// Part of `report.json`; `null` where the noise is unknown.

@@ -25,6 +25,7 @@ use crate::cli::ReportArgs;
 use crate::denoise::Net;
 use crate::error::CliError;
 use crate::machine::Machine;
+use crate::measured::Measured;
 use crate::output::OutFolder;
 use crate::progress::Progress;
 use crate::scene::Scene;
@@ -33,7 +34,6 @@ use case::{CASES, Case};
 use floor::Floors;
 use forward::ForwardCourse;
 use inverse::{Lane, Outcome};
-use merged::Row;
 use ndarray::Array2;
 use promise::Promise;
 
@@ -42,8 +42,6 @@ struct Size {
     frames: usize,
     /// Pixels along the skin, ascending; the last raster judges all.
     pixels: &'static [usize],
-    /// Frames of the absolute method, whose frames take longest by far.
-    absolute_frames: usize,
     /// Gaps that iterated methods run to, one after the other, each from cold.
     gaps: &'static [f64],
     /// A run ends then at the latest, and is the last of its curve.
@@ -59,23 +57,24 @@ struct Size {
     forward_runs: usize,
 }
 
+/// Gaps of a full run.
+pub(crate) const GAPS: [f64; 4] = [3e-1, 1e-1, 1e-2, 1e-3];
+
 const FULL: Size = Size {
     frames: 20,
     pixels: &[16, 32, 64],
-    absolute_frames: 4,
-    gaps: &[3e-1, 1e-1, 1e-2, 1e-3],
-    deadline_s: 10.0,
-    runs: 5,
-    repeat_below_s: 1.0,
+    gaps: &GAPS,
+    deadline_s: 20.0,
+    runs: 3,
+    repeat_below_s: 6.0,
     direct_runs: 15,
-    stream_runs: 3,
+    stream_runs: 2,
     nodes: &[500, 1_000, 2_000, 4_000, 8_000, 16_000],
     forward_runs: 9,
 };
 const QUICK: Size = Size {
     frames: 6,
     pixels: &[16, 32],
-    absolute_frames: 1,
     gaps: &[1e-1, 1e-2],
     deadline_s: 2.0,
     runs: 2,
@@ -97,7 +96,7 @@ pub(super) struct Recording {
 /// Everything about a scene.
 struct Findings {
     pub case: Case,
-    pub rows: Vec<Row>,
+    pub rows: Vec<Measured>,
     /// Solver, shape, reason.
     pub failures: Vec<(String, &'static str, String)>,
     pub forward: ForwardCourse,
@@ -119,10 +118,13 @@ pub(super) fn run(
     args.peers.as_deref().map_or(Ok(()), peers::check)?;
     let machine = progress.stage("this machine", || Ok::<_, CliError>(Machine::measure()))?;
     let floors = Floors { machine };
-    let mut results = Vec::new();
+    let mut results: Vec<Findings> = Vec::new();
     for (number, case) in cases.iter().enumerate() {
         progress.group(format!("{} ({} of {})", case.name, number + 1, cases.len()));
-        results.push(one(case, &size, (&floors, args), progress)?);
+        // cases of one skin share its forward problem
+        let same = results.iter().find(|known| known.case.scene == case.scene);
+        let forward = same.map(|known| known.forward.clone());
+        results.push(one(case, &size, (&floors, args, forward), progress)?);
     }
     page::write(&results, (&size, &floors.machine, args.quick), out, progress)
 }
@@ -145,14 +147,16 @@ fn chosen(names: &[String]) -> Result<Vec<Case>, CliError> {
 fn one(
     case: &Case,
     size: &Size,
-    (floors, args): (&Floors, &ReportArgs),
+    (floors, args, forward): (&Floors, &ReportArgs, Option<ForwardCourse>),
     progress: &mut Progress,
 ) -> Result<Findings, CliError> {
     let scene = Scene::load(case.scene)?;
-    let count = size.nodes.len() as u64;
-    let forward = progress.steps("forward problem", count as usize, |bar| {
-        forward::course(&scene, (size, args.peers.as_deref()), floors, bar)
-    })?;
+    let forward = match forward {
+        Some(forward) => forward,
+        None => progress.steps("forward problem", size.nodes.len(), |bar| {
+            forward::course(&scene, (size, args.peers.as_deref()), floors, bar)
+        })?,
+    };
     let mut silent = Progress::silent();
     let benches: Vec<Bench> = size
         .pixels
@@ -163,7 +167,7 @@ fn one(
     // nets know the fabric: on other fingers they are judged by --denoise
     let nets = if case.is_fabric { nets(&scene, judge, &args.weights)? } else { Vec::new() };
     let (mut courses, mut failures, mut recordings) = (Vec::new(), Vec::new(), Vec::new());
-    for recording in recorded(case, judge, size, progress)? {
+    for recording in recorded((case, 0), judge, size, progress)? {
         let peers = args.peers.as_deref();
         let lane =
             Lane { benches: &benches, recording: &recording, size, floors, nets: &nets, peers };
@@ -173,8 +177,12 @@ fn one(
         courses.push(found);
         recordings.push(recording);
     }
-    let rows = merged::rows(case, &courses);
-    let promises = progress.stage("the plan", || promise::of(judge, &recordings[0], floors))?;
+    let frames = recordings[0].truth.nrows();
+    let (rows, missing) = merged::rows((case, frames), &courses, &floors.machine);
+    failures.extend(missing.into_iter().map(|name| (name, "one", "the other failed".to_owned())));
+    // recordings that no table has seen
+    let others = recorded((case, 1), judge, size, progress)?;
+    let promises = progress.stage("the plan", || promise::of(judge, &others, floors))?;
     let touched = match case.is_fabric {
         true => "of one finger and of two".to_owned(),
         false => format!("of {} fingers, soft or hard, noise {} dB", case::FINGERS, case.noise_db),
@@ -194,9 +202,10 @@ fn one(
     Ok(Findings { case: *case, rows, failures, forward, promises, pictures, note })
 }
 
-/// The two recordings of a scene: soft and hard fingers, or one finger and two on the fabric.
+/// The two recordings of a scene: soft and hard fingers, or one finger and two on the fabric. Each
+/// `take` has its own paths and noise.
 fn recorded(
-    case: &Case,
+    (case, take): (&Case, u64),
     judge: &Bench,
     size: &Size,
     progress: &mut Progress,
@@ -204,11 +213,14 @@ fn recorded(
     if case.is_fabric {
         return fabric::SCRIPTS
             .into_iter()
-            .map(|script| fabric::recording(judge, script, size, progress))
+            .map(|(name, script, seed)| {
+                let script = (name, script, seed + 10 * take);
+                fabric::recording(judge, script, size, progress)
+            })
             .collect();
     }
     let of = |(shape, finger): (&'static str, FingerShape)| {
-        let settings = case.movie(finger, size.frames);
+        let settings = case.movie(finger, size.frames, take);
         let simulated = simulate(&judge.scene, &settings, &judge.raster, progress)?;
         let truth = judge.pixels_of(simulated.truth.view())?;
         Ok(Recording { shape, simulated, truth })
@@ -222,7 +234,7 @@ fn nets(scene: &Scene, judge: &Bench, names: &[String]) -> Result<Vec<(String, N
     let mut nets = Vec::new();
     for name in names {
         match Net::load(scene, name, judge.raster.pixels(), false) {
-            Ok(net) => nets.push((format!("U-net of {}", net.shape().parameters()), net)),
+            Ok(net) => nets.push((net_name(name), net)),
             Err(error) if name != "default" && !std::path::Path::new(name).exists() => {
                 return Err(error);
             }
@@ -230,4 +242,13 @@ fn nets(scene: &Scene, judge: &Bench, names: &[String]) -> Result<Vec<(String, N
         }
     }
     Ok(nets)
+}
+
+/// "U-net", or with the name of its file.
+fn net_name(name: &str) -> String {
+    let stem = std::path::Path::new(name).file_stem().map(|stem| stem.to_string_lossy());
+    match stem {
+        Some(stem) if name != "default" => format!("U-net {stem}"),
+        _ => "U-net".to_owned(),
+    }
 }

@@ -101,14 +101,16 @@ pub(crate) const CASES: [Case; 7] = [
 pub(super) const FINGERS: usize = 2;
 
 impl Case {
-    /// Movie of one shape of fingers.
-    pub fn movie(&self, shape: FingerShape, frames: usize) -> MovieSettings {
+    /// Movie of one shape of fingers; each `take` has its own paths and noise.
+    pub fn movie(&self, shape: FingerShape, frames: usize, take: u64) -> MovieSettings {
         MovieSettings {
             touches: FINGERS,
             frames: if self.is_still { 1 } else { frames },
             step_m: SLOW_M,
             finger: Finger { shape, change: self.change, ..Default::default() },
             noise_db: self.noise_db,
+            path_seed: 1 + take,
+            noise_seed: 1 + take,
             ..Default::default()
         }
     }

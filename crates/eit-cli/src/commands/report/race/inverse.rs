@@ -1,26 +1,24 @@
 //! Every inverse solver on one recording.
 //!
-//! One-step images (hyperparameter by noise figure 1, as without a word of the scene, and by
-//! cross-validation) are timed on the way that `eit live` takes, frame by frame. Iterated methods run
-//! from cold to each gap. A stream gets one frame after the other and gives the newest one's image.
 //! All movies are judged on the finest raster; a coarser one is shown on it as it is, in squares.
+
+mod live;
+mod peer;
+mod recorded;
 
 use super::super::bench::{Bench, Entrant, Entry};
 use super::super::scores::{Scores, Truth};
 use super::floor::Floors;
-use super::peers::{self, PeerMovie, PeerProblem};
+use super::peers;
 use super::point::{Course, Point, Solver, Spread};
 use super::{Recording, Size};
 use crate::denoise::Net;
 use crate::error::CliError;
 use crate::method::Method;
-use crate::pipeline;
-use crate::progress::Progress;
-use crate::scene::{Hyperparameter, Rule};
-use eit_inverse::{Differences, MovieReport, MovieStatus, StTvStream, Stop, StreamSettings};
-use ndarray::{Array1, Array2, Array3, ArrayView2, Axis};
+use crate::scene::Rule;
+use eit_inverse::MovieStatus;
+use ndarray::{Array2, Array3, ArrayView2};
 use std::path::Path;
-use std::time::{Duration, Instant};
 
 /// Total variation with and without what is known of the fabric.
 const MOVIES: [Entrant; 3] = [
@@ -37,8 +35,8 @@ const STREAMS: [(Entrant, f64); 2] = [
     (Entrant { method: Method::StTv, lower_s: None }, 1e-2),
     (Entrant { method: Method::StTv, lower_s: Some(0.0) }, 1e-1),
 ];
-/// Frames of a stream's window.
-const WINDOW: usize = 8;
+/// Rules of the hyperparameter: one needs no data, the other sees the noise of the recording.
+const RULES: [(Rule, &str); 2] = [(Rule::NoiseFigure, "noise-figure"), (Rule::Gcv, "gcv")];
 
 /// A recording and what it is reconstructed and judged on.
 pub(super) struct Lane<'a> {
@@ -60,29 +58,37 @@ pub(super) struct Outcome {
     pub failures: Vec<(String, String)>,
 }
 
+impl Outcome {
+    fn keep(&mut self, name: &str, course: Result<Course, CliError>) {
+        match course {
+            Ok(course) => self.courses.push(course),
+            Err(error) => self.failures.push((name.to_owned(), error.to_string())),
+        }
+    }
+}
+
 impl Lane<'_> {
     /// Number of solvers, for a progress bar.
     pub fn solvers(&self) -> usize {
-        let rasters = self.benches.len();
+        let (rasters, rules) = (self.benches.len(), RULES.len());
         match self.is_still() {
-            true => rasters * (2 + STILLS.len()) + 1,
-            false => rasters * (2 + STREAMS.len() + MOVIES.len()) + 3 + 2 * self.nets.len(),
+            true => rasters * (rules + STILLS.len()) + rules,
+            false => {
+                rasters * (rules + STREAMS.len() + MOVIES.len()) + 3 * rules + 2 * self.nets.len()
+            }
         }
     }
 
     /// Runs them all; one that fails does not stop the others.
     pub fn run(&self, bar: &indicatif::ProgressBar) -> Outcome {
         let mut outcome = Outcome::default();
-        let mut keep = |name: &str, course: Result<Course, CliError>| {
+        let mut keep = |name: &str, course| {
             bar.inc(1);
-            match course {
-                Ok(course) => outcome.courses.push(course),
-                Err(error) => outcome.failures.push((name.to_owned(), error.to_string())),
-            }
+            outcome.keep(name, course);
         };
         let entrants = if self.is_still() { &STILLS[..] } else { &MOVIES[..] };
         for bench in self.benches {
-            for rule in [Rule::NoiseFigure, Rule::Gcv] {
+            for rule in RULES {
                 keep("gauss-newton", self.one_step(bench, rule, None));
             }
             for entrant in entrants {
@@ -94,21 +100,23 @@ impl Lane<'_> {
                 }
             }
         }
-        for (name, net) in self.nets {
-            keep(name, self.one_step(self.judge(), Rule::NoiseFigure, Some((name, net))));
-            keep(name, self.stream(self.judge(), STREAMS[0], Some((name, net))));
+        for net in self.nets {
+            keep(&net.0, self.one_step(self.judge(), RULES[0], Some(net)));
+            keep(&net.0, self.stream(self.judge(), STREAMS[0], Some(net)));
         }
         let on_elements = [Method::TimePrior, Method::Kalman, Method::GaussNewtonAbsolute];
         let first = if self.is_still() { 2 } else { 0 };
         for method in &on_elements[first..] {
-            keep(method.name(), self.on_elements(*method));
+            for rule in RULES {
+                keep(method.name(), self.on_elements(*method, rule));
+            }
         }
         if let Some(python) = self.peers {
             match peers::inverse(python, self) {
                 Ok(movies) => movies.into_iter().for_each(|movie| {
-                    keep(&movie.name.clone(), self.peer(movie));
+                    outcome.keep(&movie.name.clone(), self.peer(movie));
                 }),
-                Err(error) => keep("Python peers", Err(error)),
+                Err(error) => outcome.keep("Python peers", Err(error)),
             }
         }
         outcome
@@ -122,278 +130,18 @@ impl Lane<'_> {
         self.recording.truth.nrows()
     }
 
+    /// The finest raster; a lane has one at least.
     fn judge(&self) -> &Bench {
         &self.benches[self.benches.len() - 1]
     }
 
-    /// Difference images by one matrix, one frame after the other, and through a net.
-    fn one_step(
+    fn entry<'a>(
         &self,
-        bench: &Bench,
-        rule: Rule,
-        net: Option<(&String, &Net)>,
-    ) -> Result<Course, CliError> {
-        let frames = &self.recording.simulated.frames;
-        let mut scene = bench.scene.clone();
-        scene.reconstruction.hyperparameter = Some(Hyperparameter::Rule(rule));
-        scene.noise.additive_v = Some(self.recording.simulated.noise_std_v);
-        let mut silent = Progress::silent();
-        let start = Instant::now();
-        let parts = (&bench.setup, &bench.linearised);
-        let imaging = pipeline::imaging(&scene, parts.0, parts.1, frames, &mut silent)?;
-        let choice = format!(
-            "hyperparameter {:.2e}, {}",
-            imaging.difference.report().hyperparameter,
-            imaging.rule
-        );
-        let reconstructor = imaging.difference.on_raster(bench.raster.pixel_from_element())?;
-        let set_up_s = start.elapsed().as_secs_f64();
-        let mut memory = reconstructor.workspace();
-        let mut movie = Array2::zeros((self.frames(), reconstructor.image_len()));
-        let rows: Vec<Vec<f64>> = frames.values.rows().into_iter().map(|r| r.to_vec()).collect();
-        let mut image = vec![0.0; reconstructor.image_len()];
-        let mut seconds = Vec::new();
-        for _ in 0..self.size.direct_runs {
-            let start = Instant::now();
-            for (frame, mut row) in rows.iter().zip(movie.rows_mut()) {
-                let reference = &frames.reference;
-                reconstructor.reconstruct_into(frame, reference, &mut memory, &mut image)?;
-                row.iter_mut().zip(&image).for_each(|(out, value)| *out = *value);
-            }
-            seconds.push(start.elapsed().as_secs_f64());
-        }
-        let floor_s = self.floors.one_step(bench, imaging.difference.report().rank);
-        let made = Made { movie, seconds, floor_s, report: None, target_gap: None };
-        let setup = SetUp { set_up_s, choice_s: 0.0, choice };
-        match rule {
-            Rule::NoiseFigure => self.live_course("gauss-newton", bench, (setup, made), net),
-            // sees the recording before its first image
-            _ => {
-                let name = "gauss-newton, gcv";
-                let mut course = self.live_course(name, bench, (setup, made), net)?;
-                course.solver.is_live = false;
-                Ok(course)
-            }
-        }
-    }
-
-    /// A stream's images of the newest frame, and through a net.
-    fn stream(
-        &self,
-        bench: &Bench,
-        (entrant, target_gap): (Entrant, f64),
-        net: Option<(&String, &Net)>,
-    ) -> Result<Course, CliError> {
-        let (mut seconds, mut found) = (Vec::new(), None);
-        for _ in 0..self.size.stream_runs {
-            let entry = self.entry(bench, entrant)?;
-            let set_up = SetUp {
-                set_up_s: entry.set_up_s,
-                choice_s: entry.choice_s,
-                choice: entry.choice.clone(),
-            };
-            let Some(solver) = entry.into_tv() else {
-                return Err(CliError::Failure("no solver of total variation".to_owned()));
-            };
-            let settings =
-                StreamSettings { window: WINDOW, lag: 0, target_gap, ..Default::default() };
-            let mut stream = StTvStream::new(solver, settings)?;
-            let values = self.recording.simulated.frames.differences(bench.kind());
-            let mut movie = Array2::zeros((values.nrows(), bench.raster.masked_pixels().len()));
-            let (mut iterations, mut worst, mut status) = (0, 0.0_f64, MovieStatus::Converged);
-            let start = Instant::now();
-            for (frame, mut row) in values.rows().into_iter().zip(movie.rows_mut()) {
-                let step = stream.push(&frame.to_vec(), None)?;
-                iterations += step.iterations;
-                worst = worst.max(step.certificate.relative_gap());
-                if step.status != MovieStatus::Converged {
-                    status = step.status;
-                }
-                let image = step.image.unwrap_or_default();
-                row.iter_mut().zip(image).for_each(|(out, value)| *out = *value);
-            }
-            seconds.push(start.elapsed().as_secs_f64());
-            let report = (iterations, status, Some(worst));
-            found = Some((movie, report, set_up));
-        }
-        let Some((movie, report, set_up)) = found else {
-            return Err(CliError::Failure("no run of the stream".to_owned()));
-        };
-        let each = report.0 as f64 / self.frames() as f64;
-        let floor_s = self.floors.total_variation(bench, WINDOW, each);
-        let target_gap = Some(target_gap);
-        let made = Made { movie, seconds, floor_s, report: Some(report), target_gap };
-        let name = match entrant.lower_s {
-            None => "st-tv stream",
-            Some(_) => "st-tv ≥ 0 stream",
-        };
-        self.live_course(name, bench, (set_up, made), net)
-    }
-
-    /// A course of one point, whose images may go through a net.
-    fn live_course(
-        &self,
-        name: &str,
-        bench: &Bench,
-        (set_up, mut made): (SetUp, Made),
-        net: Option<(&String, &Net)>,
-    ) -> Result<Course, CliError> {
-        let mut name = name.to_owned();
-        if let Some((net_name, net)) = net {
-            let images = bench.raster.images_from_pixels(made.movie.view())?;
-            let mut times = Vec::new();
-            let mut denoised = images.clone();
-            for _ in 0..made.seconds.len().max(3) {
-                denoised = images.clone();
-                times.push(net.time_of(&mut denoised, &bench.raster)?);
-            }
-            made.movie = bench.pixels_of(denoised.view())?;
-            times.sort_by(f64::total_cmp);
-            let net_s = times[times.len() / 2];
-            made.seconds.iter_mut().for_each(|seconds| *seconds += net_s);
-            made.floor_s += self.floors.net(net.shape(), bench);
-            name = format!("{name}, {net_name}");
-        }
-        let solver = Solver { name, pixels: Some(bench.raster.pixels()), is_live: true };
-        let movie = self.on_judge(bench, made.movie.view())?;
-        let point = self.point(&movie, &made)?;
-        Ok(self.course(solver, set_up, vec![point], movie))
-    }
-
-    /// Methods on the elements of the mesh.
-    fn on_elements(&self, method: Method) -> Result<Course, CliError> {
-        let judge = self.judge();
-        let is_absolute = method == Method::GaussNewtonAbsolute;
-        let frames = if is_absolute { self.size.absolute_frames } else { self.frames() };
-        let frames = frames.min(self.frames());
-        let mut entry = self.entry(judge, Entrant { method, lower_s: None })?;
-        let values = self.recording.simulated.frames.differences(judge.kind());
-        let values = values.slice_axis(Axis(0), (..frames).into());
-        let differences = Differences::all_good(values);
-        let runs = if is_absolute { 1 } else { self.size.direct_runs };
-        let (mut seconds, mut found) = (Vec::new(), None);
-        for _ in 0..runs {
-            let start = Instant::now();
-            let (movie, report) = entry.run(&differences, &Stop::default())?;
-            seconds.push(start.elapsed().as_secs_f64());
-            found = Some((movie, report));
-        }
-        let Some((movie, report)) = found else {
-            return Err(CliError::Failure("no run".to_owned()));
-        };
-        let steps = report.iterations as f64 / frames as f64;
-        let floor_s = match is_absolute {
-            true => self.floors.absolute(judge, steps),
-            false => self.floors.on_elements(judge, (entry.rank, frames)),
-        };
-        let set_up = SetUp::of(&entry);
-        let report = Some((report.iterations, report.status, None));
-        let made = Made { movie, seconds, floor_s, report, target_gap: None };
-        let solver = Solver { name: method.name().to_owned(), pixels: None, is_live: is_absolute };
-        let point = self.point(&made.movie, &made)?;
-        Ok(self.course(solver, set_up, vec![point], made.movie))
-    }
-
-    /// Total variation of the whole recording, to one gap after the other.
-    fn total_variation(&self, bench: &Bench, entrant: Entrant) -> Result<Course, CliError> {
-        let mut entry = self.entry(bench, entrant)?;
-        let values = self.recording.simulated.frames.differences(bench.kind());
-        let differences = Differences::all_good(values.view());
-        let deadline = Some(Duration::from_secs_f64(self.size.deadline_s));
-        let (mut points, mut last) = (Vec::new(), None);
-        for &target_gap in self.size.gaps {
-            let stop = Stop { target_gap, deadline, max_iterations: usize::MAX };
-            let (mut seconds, mut found): (Vec<f64>, Option<(Array2<f64>, MovieReport)>) =
-                (Vec::new(), None);
-            while seconds.is_empty() || self.once_more(&seconds) {
-                let (movie, report) = entry.run(&differences, &stop)?;
-                seconds.push(report.seconds);
-                found = Some((movie, report));
-            }
-            let Some((movie, report)) = found else { break };
-            let frames = self.frames();
-            let iterations = report.iterations as f64;
-            let floor_s = self.floors.total_variation(bench, frames, iterations) / frames as f64;
-            let gap = report.certificate.map(|certificate| certificate.relative_gap());
-            let is_late = report.status == MovieStatus::Deadline;
-            let report = Some((report.iterations, report.status, gap));
-            let movie = self.on_judge(bench, movie.view())?;
-            let made = Made { movie, seconds, floor_s, report, target_gap: Some(target_gap) };
-            points.push(self.point(&made.movie, &made)?);
-            last = Some(made.movie);
-            if is_late {
-                break;
-            }
-        }
-        let name = entrant.name();
-        let solver = Solver { name, pixels: Some(bench.raster.pixels()), is_live: false };
-        Ok(self.course(solver, SetUp::of(&entry), points, last.unwrap_or_default()))
-    }
-
-    /// What the Python peers are given: the one-step matrix, and the problem of total variation with
-    /// the weights that ours chose.
-    pub fn peer_problem(&self) -> Result<PeerProblem, CliError> {
-        let (judge, simulated) = (self.judge(), &self.recording.simulated);
-        let frames = &simulated.frames;
-        let mut scene = judge.scene.clone();
-        scene.noise.additive_v = Some(simulated.noise_std_v);
-        let mut silent = Progress::silent();
-        let parts = (&judge.setup, &judge.linearised);
-        let imaging = pipeline::imaging(&scene, parts.0, parts.1, frames, &mut silent)?;
-        let on_pixels = imaging.difference.on_raster(judge.raster.pixel_from_element())?;
-        let entrant = if self.is_still() { STILLS[0] } else { MOVIES[0] };
-        let Some(solver) = self.entry(judge, entrant)?.into_tv() else {
-            return Err(CliError::Failure("no solver of total variation".to_owned()));
-        };
-        let settings = solver.settings();
-        let noise = settings.noise_std.clone().unwrap_or_else(|| vec![1.0; frames.used.len()]);
-        let mut whitened_jacobian = pipeline::tv::pixel_jacobian(
-            &judge.linearised,
-            &judge.raster,
-            judge.kind(),
-            &frames.used,
-        )?;
-        for (mut row, noise) in whitened_jacobian.rows_mut().into_iter().zip(&noise) {
-            row.mapv_inplace(|j| j / noise);
-        }
-        let differences = frames.differences(judge.kind());
-        let whitened_differences = &differences / &Array1::from(noise);
-        let side = judge.raster.pixel_m();
-        Ok(PeerProblem {
-            matrix: on_pixels.reconstruction_matrix(),
-            differences,
-            whitened_jacobian,
-            whitened_differences,
-            mask: judge.raster.mask().mapv(|inside| f64::from(u8::from(inside))),
-            weights: [settings.lambda_space * side, settings.lambda_time * side * side],
-        })
-    }
-
-    /// A peer's movie, judged as ours.
-    fn peer(&self, movie: PeerMovie) -> Result<Course, CliError> {
-        let PeerMovie { name, seconds, movie } = movie;
-        let solver = Solver { name, pixels: Some(self.judge().raster.pixels()), is_live: false };
-        let floor_s = f64::NAN;
-        let made = Made { movie, seconds, floor_s, report: None, target_gap: None };
-        let point = self.point(&made.movie, &made)?;
-        let set_up = SetUp { set_up_s: 0.0, choice_s: 0.0, choice: "as ours".to_owned() };
-        Ok(self.course(solver, set_up, vec![point], made.movie))
-    }
-
-    /// Whether a run is short enough to repeat.
-    fn once_more(&self, seconds: &[f64]) -> bool {
-        seconds.len() < self.size.runs && seconds.iter().sum::<f64>() < self.size.repeat_below_s
-    }
-
-    /// Rule of the hyperparameter of methods on elements: of all, cross-validation alone sees the
-    /// noise of the recording, as the weights of total variation do; it needs several frames.
-    fn rule(&self) -> Rule {
-        if self.is_still() { Rule::NoiseFigure } else { Rule::Gcv }
-    }
-
-    fn entry<'a>(&self, bench: &'a Bench, entrant: Entrant) -> Result<Entry<'a>, CliError> {
+        bench: &'a Bench,
+        (entrant, rule): (Entrant, Rule),
+    ) -> Result<Entry<'a>, CliError> {
         let Recording { simulated, .. } = self.recording;
-        Entry::new(bench, (entrant, self.rule()), &simulated.frames, simulated.noise_std_v)
+        Entry::new(bench, (entrant, rule), &simulated.frames, simulated.noise_std_v)
     }
 
     /// A movie of another raster on that of the judge.
@@ -414,13 +162,14 @@ impl Lane<'_> {
         Ok(shown)
     }
 
+    /// Judges a movie on the finest raster.
     fn point(&self, movie: &Array2<f64>, made: &Made) -> Result<Point, CliError> {
         let Recording { simulated, truth, .. } = self.recording;
         let truth = Truth { pixels: truth, positions_m: &simulated.positions_m };
         let (iterations, status, gap) = made.report.unwrap_or((0, MovieStatus::Direct, None));
         Ok(Point {
             target_gap: made.target_gap,
-            time: Spread::of(made.seconds.clone(), movie.nrows()),
+            time: made.time,
             floor_s: made.floor_s,
             scores: Scores::new(self.judge(), movie.view(), &truth)?,
             gap,
@@ -429,15 +178,15 @@ impl Lane<'_> {
         })
     }
 
+    /// A course of one movie.
     fn course(
         &self,
         solver: Solver,
         set_up: SetUp,
-        points: Vec<Point>,
-        movie: Array2<f64>,
-    ) -> Course {
-        let SetUp { set_up_s, choice_s, choice } = set_up;
-        Course { solver, set_up_s, choice_s, choice, points, movie }
+        (movie, made): (Array2<f64>, &Made),
+    ) -> Result<Course, CliError> {
+        let points = vec![self.point(&movie, made)?];
+        Ok(set_up.course(solver, points, movie))
     }
 }
 
@@ -452,14 +201,16 @@ impl SetUp {
     fn of(entry: &Entry<'_>) -> Self {
         Self { set_up_s: entry.set_up_s, choice_s: entry.choice_s, choice: entry.choice.clone() }
     }
+
+    fn course(self, solver: Solver, points: Vec<Point>, movie: Array2<f64>) -> Course {
+        let Self { set_up_s, choice_s, choice } = self;
+        Course { solver, set_up_s, choice_s, choice, points, movie }
+    }
 }
 
-/// A movie and how it was made.
+/// How a movie was made.
 struct Made {
-    /// [frame, masked pixel].
-    movie: Array2<f64>,
-    /// Of each run, for all frames.
-    seconds: Vec<f64>,
+    time: Spread,
     /// A frame.
     floor_s: f64,
     /// Iterations, status and proven gap; `None` for a direct method.

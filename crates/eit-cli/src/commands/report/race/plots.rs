@@ -4,10 +4,10 @@ use super::super::bench::Bench;
 use super::Recording;
 use super::case::Case;
 use super::forward::ForwardCourse;
-use super::merged::Row;
 use super::point::Course;
 use crate::draw;
 use crate::error::CliError;
+use crate::measured::Measured;
 use crate::picture::{Canvas, FrameLabels, PictureSettings, Plot, Series, draw_plot, draw_sheet};
 use ndarray::Axis;
 
@@ -21,7 +21,7 @@ const PEER: &str = "NumPy primal-dual";
 /// Files of a scene's pictures and their bytes.
 pub(super) fn draw(
     case: &Case,
-    (rows, note): (&[Row], &str),
+    (rows, note): (&[Measured], &str),
     judge: &Bench,
     (recordings, courses): (&[Recording], &[Vec<Course>]),
 ) -> Result<Vec<(&'static str, Vec<u8>)>, CliError> {
@@ -58,22 +58,22 @@ pub(super) fn png(canvas: &Canvas) -> Result<Vec<u8>, CliError> {
 
 /// One curve for each solver: over the gap at the finest raster, and for what is known of the
 /// fabric at each; over the rasters where there is one point on each.
-fn series(rows: &[Row], finest: usize) -> Vec<Series> {
+fn series(rows: &[Measured], finest: usize) -> Vec<Series> {
+    let coarsest = rows.iter().filter_map(|row| row.pixels).min().unwrap_or(finest);
     let mut solvers: Vec<(String, Vec<[f64; 2]>)> = Vec::new();
     for row in rows {
-        let name = match row.solver.pixels {
-            _ if ONE_POINT.contains(&row.solver.name.as_str()) => {
-                format!("{}, 16 to {finest} px", row.solver.name)
+        let label = row.label();
+        let name = match row.pixels {
+            _ if ONE_POINT.contains(&label.as_str()) => {
+                format!("{label}, {coarsest} to {finest} px")
             }
-            None => row.solver.name.clone(),
-            _ if row.solver.name.starts_with(PEER) => PEER.to_owned(),
-            Some(pixels) if row.solver.name.starts_with("st-tv ≥") => {
-                format!("{}, {pixels} px", row.solver.name)
-            }
-            Some(pixels) if pixels == finest => row.solver.name.clone(),
+            None => label,
+            _ if label.starts_with(PEER) => PEER.to_owned(),
+            Some(pixels) if label == "st-tv ≥ 0" => format!("{label}, {pixels} px"),
+            Some(pixels) if pixels == finest => label,
             Some(_) => continue,
         };
-        let point = [row.time.median_s, row.error];
+        let point = [1e-3 * row.ms_a_frame, row.relative_error];
         match solvers.iter_mut().find(|(known, _)| *known == name) {
             Some((_, points)) => points.push(point),
             None => solvers.push((name, vec![point])),
@@ -139,7 +139,7 @@ fn sheet(
         labels.push(format!("{}: truth", recording.shape));
         rows.push(recording.truth.row(frame));
         for course in courses.iter().filter(shown) {
-            labels.push(course.solver.name.clone());
+            labels.push(course.solver.label());
             rows.push(course.movie.row(frame));
         }
     }

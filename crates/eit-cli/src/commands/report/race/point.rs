@@ -5,24 +5,32 @@ use eit_inverse::MovieStatus;
 use ndarray::Array2;
 use serde::Serialize;
 
-/// Times of several runs, seconds a frame.
+/// Times of a frame, seconds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub(super) struct Spread {
     pub least_s: f64,
     pub median_s: f64,
+    /// 95 of 100 take no longer.
+    pub most_of_s: f64,
     pub most_s: f64,
-    /// Runs.
-    pub runs: usize,
+    /// Times that it is of: runs of a recording, or frames of all runs.
+    pub count: usize,
 }
 
 impl Spread {
-    /// Of the times of runs over so many frames; not empty.
+    /// Of runs over so many frames each, or of frames one by one; `seconds` is not empty.
     pub fn of(mut seconds: Vec<f64>, frames: usize) -> Self {
         seconds.sort_by(f64::total_cmp);
+        let count = seconds.len();
         let at = |index: usize| seconds.get(index).copied().unwrap_or(f64::NAN) / frames as f64;
-        let runs = seconds.len();
-        let (least_s, median_s) = (at(0), at(runs / 2));
-        Self { least_s, median_s, most_s: at(runs.saturating_sub(1)), runs }
+        let last = count.saturating_sub(1);
+        Self {
+            least_s: at(0),
+            median_s: 0.5 * (at(last / 2) + at(count / 2)),
+            most_of_s: at(((0.95 * count as f64).ceil() as usize).saturating_sub(1)),
+            most_s: at(last),
+            count,
+        }
     }
 }
 
@@ -45,9 +53,9 @@ pub(super) struct Point {
 #[derive(Debug, Clone)]
 pub(super) struct Course {
     pub solver: Solver,
-    /// Set-up for the skin: factorisations.
+    /// Set-up for the skin: factorisations; of a live solver all before its first frame.
     pub set_up_s: f64,
-    /// Choice of weights or hyperparameter for the recording.
+    /// Choice of weights or hyperparameter, for this recording.
     pub choice_s: f64,
     /// That choice in words.
     pub choice: String,
@@ -59,12 +67,28 @@ pub(super) struct Course {
 /// What solves.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Solver {
-    /// In tables and legends.
+    /// Method, with what it knows.
     pub name: String,
+    /// Rule of the hyperparameter, as in a scene file; empty where there is none.
+    pub rule: &'static str,
     /// Pixels along the skin; the elements of the mesh where there are none.
     pub pixels: Option<usize>,
-    /// Gives a frame's image before the next frame comes.
+    /// Gives a frame's image before the next frame comes, and has not seen the recording before.
     pub is_live: bool,
+    /// Another program, to compare with.
+    pub is_peer: bool,
+}
+
+impl Solver {
+    /// One of ours.
+    pub fn own(name: impl Into<String>, pixels: Option<usize>, is_live: bool) -> Self {
+        Self { name: name.into(), rule: "", pixels, is_live, is_peer: false }
+    }
+
+    /// In tables and legends.
+    pub fn label(&self) -> String {
+        if self.rule == "gcv" { format!("{}, gcv", self.name) } else { self.name.clone() }
+    }
 }
 
 #[cfg(test)]
@@ -75,6 +99,9 @@ mod tests {
     fn a_spread_is_ordered_and_a_frame_s_share() {
         let spread = Spread::of(vec![6.0, 2.0, 4.0], 2);
         assert_eq!((spread.least_s, spread.median_s, spread.most_s), (1.0, 2.0, 3.0));
+        assert_eq!(Spread::of(vec![1.0, 3.0], 1).median_s, 2.0);
+        let hundred = Spread::of((1..=100).map(f64::from).collect(), 1);
+        assert_eq!((hundred.median_s, hundred.most_of_s), (50.5, 95.0));
         assert!(Spread::of(vec![], 2).median_s.is_nan());
     }
 }

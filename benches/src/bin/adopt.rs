@@ -1,0 +1,80 @@
+//! Takes over what a full report has measured: `cargo run --release -p benches --bin adopt -- DIR
+//! [PEERS]`, DIR of `eit report --out DIR`, PEERS of `eit report --scenes paper-disc-60 --peers PYTHON
+//! --out PEERS`.
+//!
+//! The tables of choices, plans and forward problems go to `docs/PERFORMANCE.md`, the pictures of
+//! the paper's skin to `docs/images`, and `inverse.csv`, without peers and without nets that are not
+//! shipped, to `crates/eit-cli/src/measured.csv`, which `eit plan` reads.
+#![allow(clippy::print_stdout, reason = "a program")]
+
+use benches::{Result, document};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Sections of `report.md` and the parts of the document that they become.
+const SECTIONS: [(&str, &str); 3] = [
+    ("Which solver for which time", "choices"),
+    ("What the plan promised", "plan"),
+    ("Forward problem", "forward"),
+];
+/// Pictures that the document shows.
+const PICTURES: [&str; 3] = ["error_paper_disc_60.png", "error_paper_fabric.png", "forward.png"];
+
+fn main() -> Result<()> {
+    let folder = std::env::args().nth(1).ok_or("which folder? eit report --out DIR makes one")?;
+    let folder = Path::new(&folder);
+    let report = read(&folder.join("report.md"))?;
+    let lead = report.lines().nth(2).unwrap_or_default();
+    for (title, part) in SECTIONS {
+        let body = section(&report, title).ok_or_else(|| format!("no section '{title}'"))?;
+        document::write(part, &format!("{lead}\n\n{body}"))?;
+    }
+    if let Some(peers) = std::env::args().nth(2) {
+        let report = read(&Path::new(&peers).join("report.md"))?;
+        let lead = report.lines().nth(2).unwrap_or_default();
+        let part = |title: &str| section(&report, title).ok_or_else(|| format!("no '{title}'"));
+        let (forward, scene) = (part("Forward problem")?, part("paper-disc-60")?);
+        document::write("report-peers", &format!("{lead}\n\n{forward}\n\n{scene}"))?;
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    for name in PICTURES {
+        let place = root.join("docs/images").join(name);
+        fs::copy(folder.join(name), &place).map_err(|e| format!("{}: {e}", place.display()))?;
+    }
+    let table = shipped(&read(&folder.join("inverse.csv"))?)?;
+    let rows = table.lines().count() - 1;
+    let place = root.join("crates/eit-cli/src/measured.csv");
+    fs::write(&place, table).map_err(|e| format!("{}: {e}", place.display()))?;
+    println!("{rows} rows adopted");
+    Ok(())
+}
+
+fn read(path: &PathBuf) -> Result<String> {
+    Ok(fs::read_to_string(path).map_err(|e| format!("{}: {e}", path.display()))?)
+}
+
+/// What stands under a headline, up to the next.
+fn section(report: &str, title: &str) -> Option<String> {
+    let (_, rest) = report.split_once(&format!("\n## {title}\n"))?;
+    Some(rest.split("\n## ").next()?.trim().to_owned())
+}
+
+/// Rows of solvers that users have: no peers, no nets of files.
+fn shipped(table: &str) -> Result<String> {
+    let mut reader = csv::Reader::from_reader(table.as_bytes());
+    let head = reader.headers()?.clone();
+    let column = |name: &str| {
+        head.iter().position(|own| own == name).ok_or_else(|| format!("no column '{name}'"))
+    };
+    let (solver, peer) = (column("solver")?, column("peer")?);
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(&head)?;
+    for row in reader.records() {
+        let row = row?;
+        let net = row[solver].split_once("U-net").is_some_and(|(_, name)| !name.is_empty());
+        if &row[peer] == "false" && !net {
+            writer.write_record(&row)?;
+        }
+    }
+    Ok(String::from_utf8(writer.into_inner()?)?)
+}

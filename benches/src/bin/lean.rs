@@ -1,0 +1,289 @@
+//! What leaving out saves: for every meaningful choice of crates and features the crates that are
+//! compiled, the time of a clean build, and the size of a small program. Writes the table of
+//! `docs/PERFORMANCE.md`.
+//!
+//! Usage: `lean [--burn] [--dry-run] [--only TEXT]`. `--burn` includes burn, which takes minutes;
+//! `--only` keeps the rows that hold the text (and, like `--dry-run`, prints them). On Linux: CPU time
+//! comes from `/proc`.
+//!
+//! Each row is a program outside of this workspace that depends on our crates by path, as a robot's
+//! would, and whose source is one of the examples: no dev-dependency and no feature of another crate
+//! creeps in. Versions are those of this workspace's `Cargo.lock`; nothing is fetched.
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a program's output and progress")]
+
+use benches::{Result, document};
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+/// Jobs of a build: those of the machine that the table comes from.
+const JOBS: &str = "2";
+
+/// One row.
+struct Choice {
+    /// Our crates and their features.
+    crates: &'static [(&'static str, &'static [&'static str])],
+    /// The example that is the program; empty: the command line `eit`.
+    example: &'static str,
+    /// Crates that the example uses itself, with their versions.
+    others: &'static [(&'static str, &'static str)],
+}
+
+const NDARRAY: (&str, &str) = ("ndarray", "0.17");
+const STEP_TIME: &[(&str, &str)] = &[NDARRAY, ("cpu-time", "1")];
+
+const CHOICES: [Choice; 16] = [
+    Choice { crates: &[("eit-mesh", &[])], example: "eit-mesh/examples/disc.rs", others: &[] },
+    Choice {
+        crates: &[("eit-mesh", &[]), ("eit-fem", &[])],
+        example: "eit-fem/examples/forward.rs",
+        others: &[NDARRAY],
+    },
+    Choice {
+        crates: &[("eit-mesh", &[]), ("eit-fem", &["fabric"])],
+        example: "eit-fem/examples/fabric.rs",
+        others: &[],
+    },
+    Choice {
+        crates: &[("eit-mesh", &[]), ("eit-fem", &["serde"])],
+        example: "eit-fem/examples/fabric.rs",
+        others: &[],
+    },
+    Choice {
+        crates: &[("eit-mesh", &[]), ("eit-fem", &[]), ("eit-inverse", &[])],
+        example: "eit-inverse/examples/one_frame.rs",
+        others: &[],
+    },
+    Choice {
+        crates: &[("eit-mesh", &[]), ("eit-fem", &[]), ("eit-inverse", &["st-tv"])],
+        example: "eit-inverse/examples/stream.rs",
+        others: &[NDARRAY],
+    },
+    Choice {
+        crates: &[("eit-hw", &[])],
+        example: "eit-hw/examples/read_recording.rs",
+        others: &[],
+    },
+    Choice { crates: &[("eit-hw", &["serial"])], example: "eit-hw/examples/load.rs", others: &[] },
+    Choice { crates: &[("eit-hw", &["mcap"])], example: "eit-hw/examples/stream.rs", others: &[] },
+    Choice {
+        crates: &[("eit-hw", &["serial", "mcap"])],
+        example: "eit-hw/examples/stream.rs",
+        others: &[],
+    },
+    Choice {
+        crates: &[("eit-denoise", &[])],
+        example: "eit-denoise/examples/image_stack.rs",
+        others: &[NDARRAY],
+    },
+    Choice {
+        crates: &[("eit-denoise", &["unet"])],
+        example: "eit-denoise/examples/clean.rs",
+        others: &[NDARRAY],
+    },
+    Choice {
+        crates: &[("eit-denoise", &["train"])],
+        example: "eit-denoise/examples/step_time.rs",
+        others: STEP_TIME,
+    },
+    Choice {
+        crates: &[("eit-denoise", &["burn"])],
+        example: "eit-denoise/examples/step_time.rs",
+        others: STEP_TIME,
+    },
+    Choice {
+        crates: &[("eit-mesh", &[]), ("eit-fem", &[]), ("eit-inverse", &[]), ("eit-hw", &[])],
+        example: "eit-cli/examples/robot_loop/main.rs",
+        others: &[NDARRAY],
+    },
+    Choice { crates: &[("eit-cli", &[])], example: "", others: &[] },
+];
+
+fn main() -> Result<()> {
+    let (mut burn, mut dry_run, mut only) = (false, false, None);
+    let mut arguments = std::env::args().skip(1);
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            "--burn" => burn = true,
+            "--dry-run" => dry_run = true,
+            "--only" => only = Some(arguments.next().ok_or("--only needs a text")?),
+            other => return Err(format!("'{other}': --burn, --dry-run or --only").into()),
+        }
+    }
+    let load = document::load().map_or_else(|| "unknown".to_owned(), |load| format!("{load:.1}"));
+    let mut rows = Vec::new();
+    for choice in &CHOICES {
+        let name = choice.name();
+        let is_wanted = only.as_ref().is_none_or(|only| name.contains(only.as_str()));
+        if is_wanted && (burn || !name.contains("burn")) {
+            let row = choice.measure()?.row(choice);
+            eprintln!("{row}");
+            rows.push(row);
+        }
+    }
+    let head = format!(
+        "{}. `cargo build --release` of a program outside of the workspace, everything fetched, \
+         nothing compiled before, {JOBS} jobs; CPU time counts all of them. Other programs ran beside: \
+         load average before {load}, so that only the CPU time is a measure.",
+        document::machine()
+    );
+    let columns = "| crates (features) | program | crates compiled | CPU, s | elapsed, s | size, kB | \
+                   without symbols, kB |\n|---|---|---|---|---|---|---|";
+    let body = format!("{head}\n\n{columns}\n{}", rows.join("\n"));
+    if dry_run || only.is_some() {
+        println!("{body}");
+        return Ok(());
+    }
+    document::write("lean", &body)
+}
+
+/// What a row says.
+struct Cost {
+    crates: usize,
+    cpu_s: f64,
+    elapsed_s: f64,
+    bytes: u64,
+    stripped_bytes: u64,
+}
+
+impl Cost {
+    fn row(&self, choice: &Choice) -> String {
+        let [kb, stripped_kb] = [self.bytes, self.stripped_bytes].map(|bytes| bytes.div_ceil(1000));
+        format!(
+            "| {} | {} | {} | {:.0} | {:.0} | {kb} | {stripped_kb} |",
+            choice.name(),
+            choice.program(),
+            self.crates,
+            self.cpu_s,
+            self.elapsed_s
+        )
+    }
+}
+
+impl Choice {
+    /// Crates that others of the row bring with them are not told.
+    fn name(&self) -> String {
+        let has = |wanted: &str| self.crates.iter().any(|(name, _)| *name == wanted);
+        let is_told = |(name, _): &&(&str, &[&str])| match *name {
+            "eit-mesh" => !has("eit-fem"),
+            "eit-fem" => !has("eit-inverse"),
+            _ => true,
+        };
+        let told = |(name, features): &(&str, &[&str])| match features {
+            [] => format!("`{name}`"),
+            _ => format!("`{name}` ({})", features.join(", ")),
+        };
+        let names: Vec<String> = self.crates.iter().filter(is_told).map(told).collect();
+        names.join(", ")
+    }
+
+    fn program(&self) -> String {
+        let name = match self.example.rsplit_once('/') {
+            Some((folder, "main.rs")) => folder.rsplit('/').next(),
+            Some((_, file)) => file.strip_suffix(".rs"),
+            None => Some("eit"),
+        };
+        format!("`{}`", name.unwrap_or_default())
+    }
+
+    fn measure(&self) -> Result<Cost> {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize()?;
+        let folder = Folder::new()?;
+        let (home, chosen) = match self.example {
+            "" => (root, &["-p", "eit-cli"][..]),
+            _ => (self.outside(&root, &folder.0)?, &[][..]),
+        };
+        let cargo = |command: &[&str]| {
+            let mut cargo = Command::new(env!("CARGO"));
+            cargo.current_dir(&home).args(command).arg("--offline").args(chosen);
+            // caches and wrappers of whoever runs this are none of a clean build
+            cargo.env_remove("RUSTC_WRAPPER").env("CARGO_INCREMENTAL", "0");
+            cargo.env("CARGO_TARGET_DIR", folder.0.join("target")).stderr(Stdio::inherit());
+            cargo
+        };
+        let listed = ["tree", "--edges", "normal,build", "--prefix", "none", "--no-dedupe"];
+        let tree = output(cargo(&listed))?;
+        let names: BTreeSet<String> =
+            tree.lines().map(|l| l.split_whitespace().take(2).collect()).collect();
+        let (start, cpu_s) = (Instant::now(), children_cpu_s()?);
+        output(cargo(&["build", "--release", "--quiet", "--jobs", JOBS]))?;
+        let (elapsed_s, cpu_s) = (start.elapsed().as_secs_f64(), children_cpu_s()? - cpu_s);
+        let name = if self.example.is_empty() { "eit" } else { "program" };
+        let program = folder.0.join("target/release").join(name);
+        let bytes = std::fs::metadata(&program)?.len();
+        let mut strip = cargo(&["rustc", "--release", "--quiet", "--jobs", JOBS, "--bin", name]);
+        strip.args(["--", "-C", "strip=symbols"]);
+        output(strip)?;
+        let stripped_bytes = std::fs::metadata(&program)?.len();
+        // the program itself is none of the crates it needs
+        Ok(Cost { crates: names.len() - 1, cpu_s, elapsed_s, bytes, stripped_bytes })
+    }
+
+    /// A program that depends on our crates by path.
+    fn outside(&self, root: &Path, folder: &Path) -> Result<PathBuf> {
+        let crates = root.join("crates");
+        let mut manifest = format!(
+            "[package]\nname = \"program\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n\
+             [[bin]]\nname = \"program\"\npath = '{}'\n\n[workspace]\n\n[dependencies]\n",
+            crates.join(self.example).display()
+        );
+        for (name, features) in self.crates {
+            let path = crates.join(name);
+            manifest += &format!(
+                "{name} = {{ path = '{}', default-features = false, features = {features:?} }}\n",
+                path.display()
+            );
+        }
+        for (name, version) in self.others {
+            manifest += &format!("{name} = \"{version}\"\n");
+        }
+        let home = folder.join("program");
+        std::fs::create_dir_all(&home)?;
+        std::fs::write(home.join("Cargo.toml"), manifest)?;
+        // the same versions, and the same compiler
+        for file in ["Cargo.lock", "rust-toolchain.toml"] {
+            std::fs::copy(root.join(file), home.join(file))?;
+        }
+        Ok(home)
+    }
+}
+
+/// A folder of one build, gone with it.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> Result<Self> {
+        let folder = std::env::temp_dir().join(format!("eit-lean-{}", std::process::id()));
+        std::fs::create_dir(&folder)?;
+        Ok(Self(folder))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // what cannot be removed stays in the system's folder for such
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// What a command prints.
+fn output(mut command: Command) -> Result<String> {
+    let done = command.output()?;
+    if !done.status.success() {
+        return Err(format!("{command:?} ended with {}", done.status).into());
+    }
+    Ok(String::from_utf8(done.stdout)?)
+}
+
+/// CPU time of all programs that this one has waited for, and theirs, seconds.
+fn children_cpu_s() -> Result<f64> {
+    /// Ticks a second of every Linux.
+    const TICKS_HZ: f64 = 100.0;
+    let text = std::fs::read_to_string("/proc/self/stat")?;
+    let (_, fields) = text.rsplit_once(')').ok_or("no name in /proc/self/stat")?;
+    // from the third field on; the 16th and 17th are children's user and system time
+    let fields = fields.split_whitespace().skip(13).take(2);
+    let ticks: f64 = fields.map(str::parse::<f64>).sum::<std::result::Result<f64, _>>()?;
+    Ok(ticks / TICKS_HZ)
+}

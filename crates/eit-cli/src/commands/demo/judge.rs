@@ -1,0 +1,154 @@
+//! What was seen, held against what really was.
+
+use super::live::Seen;
+use eit_fem::fabric::Simulation;
+use eit_inverse::touch::Touch;
+use ndarray::{ArrayView2, Axis};
+use serde_json::{Value, json};
+
+/// A touch this far from every finger is none of them: a finger is 2 cm wide.
+const WITHIN_M: f64 = 0.025;
+
+/// How near images and touches came.
+pub(super) struct Judged {
+    /// Of each image: frame of the script, mean squared error before and after the net, siemens
+    /// squared, and whether a finger is on the skin.
+    pub errors: Vec<ImageError>,
+    /// Distances of found touches from their fingers, metres.
+    pub distances_m: Vec<f64>,
+    /// Fingers on the skin, over all frames, and how many of them were found.
+    pub fingers: usize,
+    pub found: usize,
+    /// Touches where no finger was, and those of them in frames without any finger: mostly what the
+    /// fabric's hysteresis leaves where one has been.
+    pub invented: usize,
+    pub left_over: usize,
+    /// Fingers that were not found in the frames right after they came, when two frames have yet
+    /// to show them.
+    pub late: usize,
+}
+
+/// Errors of one image.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ImageError {
+    pub frame: usize,
+    pub raw: f64,
+    pub made: f64,
+    pub is_touched: bool,
+}
+
+/// Holds them against each other.
+pub(super) fn judge(seen: &Seen, truth: &Simulation) -> Judged {
+    let mut judged = Judged {
+        errors: Vec::new(),
+        distances_m: Vec::new(),
+        fingers: 0,
+        found: 0,
+        invented: 0,
+        left_over: 0,
+        late: 0,
+    };
+    let images = &truth.truth.conductivity_change_s;
+    let mut before: usize = 0;
+    for (k, &frame) in seen.frames.iter().enumerate() {
+        // an instrument that plays on after its end begins anew
+        let row = frame % images.len_of(Axis(0));
+        let really = images.index_axis(Axis(0), row);
+        let fingers: Vec<[f64; 2]> =
+            truth.truth.touches.iter().filter(|t| t.frame == row).map(|t| t.position_m).collect();
+        judged.errors.push(ImageError {
+            frame: row,
+            raw: squared_error(seen.raw.index_axis(Axis(0), k), really),
+            made: squared_error(seen.made.index_axis(Axis(0), k), really),
+            is_touched: !fingers.is_empty(),
+        });
+        let found = judged.pair(&fingers, &seen.touches[k]);
+        if fingers.is_empty() {
+            before = 0;
+        } else {
+            before += 1;
+        }
+        // two frames of three must show a touch before it is reported
+        if before == 1 {
+            judged.late += fingers.len() - found;
+        }
+    }
+    judged
+}
+
+impl Judged {
+    /// Pairs fingers and touches, the nearest first; how many fingers were found.
+    fn pair(&mut self, fingers: &[[f64; 2]], touches: &[Touch]) -> usize {
+        let touches: Vec<&Touch> = touches.iter().filter(|touch| touch.valid).collect();
+        let distance = |finger: &[f64; 2], touch: &Touch| {
+            (finger[0] - touch.position_m[0]).hypot(finger[1] - touch.position_m[1])
+        };
+        let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+        for (f, finger) in fingers.iter().enumerate() {
+            let of = touches.iter().enumerate().map(|(t, touch)| (distance(finger, touch), f, t));
+            pairs.extend(of.filter(|pair| pair.0 <= WITHIN_M));
+        }
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (mut is_found, mut is_meant) = (vec![false; fingers.len()], vec![false; touches.len()]);
+        for (distance_m, f, t) in pairs {
+            if !is_found[f] && !is_meant[t] {
+                (is_found[f], is_meant[t]) = (true, true);
+                self.distances_m.push(distance_m);
+            }
+        }
+        let found = is_found.iter().filter(|found| **found).count();
+        self.fingers += fingers.len();
+        self.found += found;
+        self.invented += touches.len() - found;
+        self.left_over += if fingers.is_empty() { touches.len() } else { 0 };
+        found
+    }
+
+    /// Median error of touched frames: raw, after the net, and of the quotient.
+    pub fn errors_of_touched(&self) -> [f64; 3] {
+        let touched = || self.errors.iter().filter(|error| error.is_touched);
+        [
+            median(touched().map(|error| error.raw).collect()),
+            median(touched().map(|error| error.made).collect()),
+            median(touched().map(|error| error.made / error.raw).collect()),
+        ]
+    }
+
+    /// Median distance of a found touch from its finger, metres.
+    pub fn distance_m(&self) -> f64 {
+        median(self.distances_m.clone())
+    }
+
+    /// For programs.
+    pub fn json(&self) -> Value {
+        let [raw, made, quotient] = self.errors_of_touched();
+        json!({
+            "mean_squared_error_raw_s2": raw,
+            "mean_squared_error_s2": made,
+            "error_over_raw": quotient,
+            "fingers": self.fingers,
+            "found": self.found,
+            "not_yet_reported": self.late,
+            "invented": self.invented,
+            "invented_without_finger": self.left_over,
+            "position_error_m": self.distance_m(),
+            "worst_position_error_m": self.distances_m.iter().copied().reduce(f64::max),
+        })
+    }
+}
+
+/// Mean over the pixels that are skin in both; a mask may differ by a pixel of the rim.
+fn squared_error(image: ArrayView2<'_, f64>, truth: ArrayView2<'_, f64>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for off in image.iter().zip(truth).map(|(a, b)| a - b).filter(|off| off.is_finite()) {
+        sum += off * off;
+        count += 1.0;
+    }
+    sum / f64::max(count, 1.0)
+}
+
+/// The middle of some values; NaN where there are none.
+pub(super) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}

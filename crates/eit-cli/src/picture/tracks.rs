@@ -1,0 +1,168 @@
+//! Ways of touches over skins.
+
+use super::{
+    PictureError, SkinDrawing,
+    canvas::{Align, Canvas, INK, Rgb, WHITE},
+    page::{LABEL_EM, Page, PageSettings},
+    panel::Panel,
+    plot::COLORS,
+    text::Font,
+};
+
+/// Longer side of a skin, in points: alone, and beside others.
+const SIDES: [f64; 2] = [400.0, 300.0];
+/// Width of a true way, and of the places of the first, second ... track found, in points: where one
+/// lies on another, all are seen.
+const WAY: f64 = 9.0;
+const PLACES: [f64; 3] = [4.6, 2.6, 2.6];
+/// Length of the legend's samples and distance of its lines, in points.
+const SAMPLE: f64 = 18.0;
+const LINE_HEIGHT: f64 = 16.0;
+/// Colour of the truth.
+const TRUE: Rgb = [208; 3];
+
+/// One way.
+#[derive(Clone, Debug)]
+pub(crate) struct Track {
+    /// What the legend calls it; empty: not in the legend.
+    pub name: String,
+    /// Places in order, metres; one that is not finite interrupts the way.
+    pub places_m: Vec<[f64; 2]>,
+    /// A grey line where it is true, coloured places where it was found.
+    pub is_truth: bool,
+}
+
+/// The ways over one skin.
+#[derive(Clone, Debug)]
+pub(crate) struct TracksPanel {
+    /// Below the skin.
+    pub label: String,
+    /// The truth first: what is later lies on top.
+    pub tracks: Vec<Track>,
+}
+
+/// Draws skins side by side with the ways over each.
+///
+/// # Errors
+/// A skin whose coordinates are not finite.
+pub(crate) fn draw_tracks(
+    panels: &[TracksPanel],
+    skin: &SkinDrawing,
+    (title, note): (&str, &str),
+    zoom: usize,
+) -> Result<Canvas, PictureError> {
+    let font = Font::load()?;
+    let zoom = zoom.clamp(1, 4);
+    let side = SIDES[usize::from(panels.len() > 1)];
+    let panel = Panel::new(skin, side, zoom, &font)?;
+    let lines = panels.iter().map(|p| legend(p).count()).max().unwrap_or(0);
+    let room = LINE_HEIGHT * (lines + 1) as f64;
+    let labels = panels.iter().flat_map(|p| legend(p).map(|t| &t.name).chain([&p.label]));
+    let widest = labels.map(|l| font.width(l, LABEL_EM)).fold(0.0, f64::max) + SAMPLE + 8.0;
+    let page = Page::new(
+        &PageSettings {
+            title,
+            note,
+            cells: panels.len(),
+            columns: Some(panels.len()),
+            cell_size: [panel.size[0].max(widest), panel.size[1] + room],
+            label_width: None,
+            scale: None,
+            zoom,
+        },
+        font,
+    );
+    let mut canvas = page.canvas;
+    for (content, corner) in panels.iter().zip(&page.corners) {
+        let corner = [corner[0] + ((widest - panel.size[0]).max(0.0) / 2.0).floor(), corner[1]];
+        panel.draw_skin(&mut canvas, corner);
+        for (track, (color, size)) in content.tracks.iter().zip(looks(content)) {
+            let at = |p: &[f64; 2]| {
+                let [x, y] = panel.to_page(*p);
+                [corner[0] + x, corner[1] + y]
+            };
+            for way in track.places_m.split(|p| !p.iter().all(|v| v.is_finite())) {
+                let way: Vec<[f64; 2]> = way.iter().map(at).collect();
+                draw_way(&mut canvas, &way, track.is_truth, (color, size));
+            }
+        }
+        draw_legend(&mut canvas, content, [corner[0], corner[1] + panel.size[1]], panel.size[0]);
+    }
+    Ok(canvas)
+}
+
+/// The ways that have a name.
+fn legend(panel: &TracksPanel) -> impl Iterator<Item = &Track> {
+    panel.tracks.iter().filter(|track| !track.name.is_empty())
+}
+
+/// Colour and width of each way: grey for the truth, then one colour after the other.
+fn looks(panel: &TracksPanel) -> Vec<(Rgb, f64)> {
+    let mut next = COLORS.into_iter().cycle();
+    let mut sizes = PLACES.into_iter();
+    let of = |track: &Track| match track.is_truth {
+        true => (TRUE, WAY),
+        false => (next.next().unwrap_or(INK), sizes.next().unwrap_or(PLACES[PLACES.len() - 1])),
+    };
+    panel.tracks.iter().map(of).collect()
+}
+
+fn draw_way(canvas: &mut Canvas, way: &[[f64; 2]], is_truth: bool, (color, size): (Rgb, f64)) {
+    if is_truth {
+        canvas.stroke(way, size, color, 1.0);
+        return;
+    }
+    for place in way {
+        canvas.stroke(&[*place], size + 1.0, WHITE, 1.0);
+        canvas.stroke(&[*place], size, color, 1.0);
+    }
+}
+
+/// What is what, below the skin.
+fn draw_legend(canvas: &mut Canvas, panel: &TracksPanel, [left, top]: [f64; 2], width: f64) {
+    let mut y = top + LINE_HEIGHT / 2.0;
+    canvas.text(&panel.label, LABEL_EM, [left + width / 2.0, y], Align::Centre, INK);
+    for (track, look) in panel.tracks.iter().zip(looks(panel)) {
+        if track.name.is_empty() {
+            continue;
+        }
+        y += LINE_HEIGHT;
+        let sample = [0.0, 0.5, 1.0].map(|part| [left + part * SAMPLE, y]);
+        draw_way(canvas, &sample, track.is_truth, look);
+        canvas.text(&track.name, LABEL_EM, [left + SAMPLE + 8.0, y], Align::Left, INK);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::picture::fixture::disc;
+
+    fn panel(tracks: Vec<Track>) -> TracksPanel {
+        TracksPanel { label: "one finger".into(), tracks }
+    }
+
+    fn track(is_truth: bool, places_m: Vec<[f64; 2]>) -> Track {
+        Track { name: "way".into(), places_m, is_truth }
+    }
+
+    /// A found place has its colour where it is, and only there; the truth is no colour.
+    #[test]
+    fn places_are_where_they_were_found() {
+        let draw = |tracks| draw_tracks(&[panel(tracks)], &disc(4), ("", ""), 1).unwrap();
+        let count = |canvas: &Canvas| {
+            canvas.rgb().chunks_exact(3).filter(|pixel| *pixel == COLORS[0]).count()
+        };
+        let truth = draw(vec![track(true, vec![[-0.05, 0.0], [0.05, 0.0]])]);
+        assert_eq!(count(&truth), 0);
+        // dots of 4.6 points: 17 pixels, of which those on the rim are blended; three more in the legend
+        let found = draw(vec![track(false, vec![[0.05, 0.0], [f64::NAN, 0.0], [-0.05, 0.0]])]);
+        assert!((5 * 4..=5 * 17).contains(&count(&found)), "{}", count(&found));
+    }
+
+    #[test]
+    fn no_panel_and_no_place_are_pictures() {
+        draw_tracks(&[], &disc(4), ("title", "note"), 1).unwrap();
+        draw_tracks(&[panel(vec![track(false, Vec::new())])], &disc(4), ("", ""), 1).unwrap();
+    }
+}

@@ -1,0 +1,84 @@
+//! What one image of one frame leaves out: this program is the example `one_frame` and a look at its
+//! own names. No harness, so that nothing else is linked into it.
+//!
+//! The linker drops what nothing calls; what can be called, at any depth, is there under its name. So
+//! a name that is missing is code that cannot run.
+#![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs, reason = "tests")]
+
+#[path = "../examples/one_frame.rs"]
+#[allow(dead_code, reason = "main of the example is not called here")]
+mod one_frame;
+
+use std::collections::BTreeSet;
+
+/// Modules of this crate that one image of one frame has no use for: time, touches, drift, other
+/// methods, choice of the hyperparameter, figures of merit.
+const LEFT_OUT: [&str; 9] = [
+    "baseline",
+    "gradient",
+    "hyperparameter",
+    "left_out",
+    "metrics",
+    "movie",
+    "reference",
+    "st_tv",
+    "touch",
+];
+
+/// Crates and modules: complex numbers, the network, instruments, recordings, nets.
+const FOREIGN: [&[&str]; 8] = [
+    &["num_complex"],
+    &["gemm_c64"],
+    &["std", "net"],
+    &["serialport"],
+    &["eit_hw"],
+    &["mcap"],
+    &["eit_denoise"],
+    &["burn_tensor"],
+];
+
+/// A path as the compiler mangles it: every name after its length. Put together at run time, so that
+/// it does not stand in this program by itself.
+fn mangled(path: &[&str]) -> Vec<u8> {
+    path.iter().map(|name| format!("{}{name}", name.len())).collect::<String>().into_bytes()
+}
+
+fn holds(program: &[u8], what: &[u8]) -> bool {
+    program.windows(what.len()).any(|window| window == what)
+}
+
+/// Modules of this crate that the program names.
+fn modules(program: &[u8]) -> BTreeSet<String> {
+    let own = mangled(&["eit_inverse"]);
+    let ends = (own.len()..program.len()).filter(|&end| program[..end].ends_with(&own));
+    let name = |end: usize| {
+        let rest = program[end..].iter().skip_while(|byte| byte.is_ascii_digit());
+        let name = rest.take_while(|byte| byte.is_ascii_alphabetic() || **byte == b'_');
+        name.map(|byte| char::from(*byte)).collect::<String>()
+    };
+    ends.map(name).collect()
+}
+
+fn main() {
+    // the brightest pixel, of 6 mm, within a tenth of the radius
+    let error_m = one_frame::run().unwrap();
+    assert!(error_m < 0.01, "{error_m} m off");
+    if cfg!(windows) {
+        println!("skipped: programs do not hold their names here");
+        return;
+    }
+    let program = std::fs::read(std::env::current_exe().unwrap()).unwrap();
+    let modules = modules(&program);
+    println!("modules of eit-inverse in one image of one frame: {modules:?}");
+    // what is used is found, so what is not found is not there
+    assert!(modules.contains("reconstructor") && modules.contains("spectrum"), "{modules:?}");
+    for used in [&["eit_mesh"][..], &["eit_fem"], &["core", "fmt"]] {
+        assert!(holds(&program, &mangled(used)), "{used:?}");
+    }
+    for module in LEFT_OUT {
+        assert!(!modules.iter().any(|name| name.starts_with(module)), "{module}: {modules:?}");
+    }
+    for path in FOREIGN {
+        assert!(!holds(&program, &mangled(path)), "{path:?}");
+    }
+}
