@@ -132,12 +132,7 @@ impl Assembly {
             (0..3).for_each(|k| join(t[k], t[(k + 1) % 3]));
         }
         contacts.iter().flat_map(|c| c.pairs()).for_each(|[i, j]| join(i, j));
-        links.sort_unstable();
-        links.dedup();
-        let mut starts = vec![0u32; count + 1];
-        links.iter().for_each(|l| starts[l.0 as usize + 1] += 1);
-        (0..count).for_each(|k| starts[k + 1] += starts[k]);
-        Adjacency { starts, neighbours: links.into_iter().map(|l| l.1).collect() }
+        Adjacency::from_links(count, links)
     }
 }
 
@@ -147,6 +142,18 @@ pub(crate) struct Adjacency {
     pub starts: Vec<u32>,
     /// Neighbours, ascending within a list.
     pub neighbours: Vec<u32>,
+}
+
+impl Adjacency {
+    /// From links in both directions; a link may come several times.
+    pub fn from_links(count: usize, mut links: Vec<(u32, u32)>) -> Self {
+        links.sort_unstable();
+        links.dedup();
+        let mut starts = vec![0u32; count + 1];
+        links.iter().for_each(|l| starts[l.0 as usize + 1] += 1);
+        (0..count).for_each(|k| starts[k + 1] += starts[k]);
+        Self { starts, neighbours: links.into_iter().map(|l| l.1).collect() }
+    }
 }
 
 /// Renumbers unknowns: `new_from_old[old] = new`.

@@ -45,6 +45,11 @@ impl Contact {
         contact
     }
 
+    /// Ends of rim edges, or corners of triangles.
+    pub fn parts(&self) -> &[Vec<u32>] {
+        &self.parts
+    }
+
     /// Pairs of unknowns that the electrode joins, in the order of [`Contact::values`].
     pub fn pairs(&self) -> Vec<[u32; 2]> {
         let mut pairs = Vec::new();

@@ -106,17 +106,21 @@ pub enum FemError {
     },
     /// A conductivity is zero, negative or not finite.
     #[error(
-        "the conductivity of element {element} is {value_s} S: it must be finite and above zero"
+        "the conductivity of element {element} is {value_s} S: it must be finite and above zero \
+         ({count} of the elements are not; for a hole leave them out of the mesh)"
     )]
     BadConductivity {
         /// Element index.
         element: usize,
         /// Its value, siemens.
         value_s: f64,
+        /// How many elements are like it.
+        count: usize,
     },
-    /// A contact impedance is zero, negative or not finite.
+    /// A contact impedance is negative or not a number.
     #[error(
-        "the contact impedance of electrode {electrode} is {value}: it must be finite and above zero"
+        "the contact impedance of electrode {electrode} is {value}: it must be zero (a shunt), \
+         above zero, or infinite (an ideal current source)"
     )]
     BadContactImpedance {
         /// 1-based number.
@@ -134,6 +138,35 @@ pub enum FemError {
         unknown: usize,
         /// Number of unknowns.
         unknowns: usize,
+    },
+    /// The voltages could not be had to the accuracy asked for.
+    #[error(
+        "the voltages are certain to {reached:e} of the largest, and {required:e} was required: the \
+         conductivities or the shapes of triangles span too many decades"
+    )]
+    AccuracyNotReached {
+        /// Bound of the error relative to the largest voltage.
+        reached: f64,
+        /// What was asked for.
+        required: f64,
+    },
+    /// Every node of an electrode is on other electrodes too.
+    #[error(
+        "electrode {electrode} has no node of its own: accurate solves need a gap beside it, or an \
+         edge more"
+    )]
+    NoNodeOfItsOwn {
+        /// 1-based number.
+        electrode: usize,
+    },
+    /// A contact without impedance at the side of another electrode.
+    #[error(
+        "electrode {electrode} has contact impedance 0 and touches another electrode: that is a \
+         short circuit; leave a gap, or give it an impedance"
+    )]
+    TouchingShunt {
+        /// 1-based number.
+        electrode: usize,
     },
     /// The factor does not fit into memory or index range.
     #[error("the factor of {unknowns} unknowns does not fit into memory: use a coarser mesh")]

@@ -8,7 +8,7 @@
 //! Results are those of a model built on the moved mesh (`tests/geometry.rs`: the same bits).
 
 use crate::element::{Element, area_m2};
-use crate::forward::{ForwardModel, check_impedances};
+use crate::forward::{ForwardModel, check_accuracy, check_impedances};
 use crate::{FemError, Solution, Workspace};
 
 /// Triangles whose area is below this fraction of their longest edge squared are empty, as for
@@ -28,19 +28,27 @@ pub struct Geometry {
     /// Electrode part of the matrix values.
     pub(crate) constant: Vec<f64>,
     /// Place of each unknown that is a node, metres.
-    positions: Vec<[f64; 3]>,
+    pub(crate) positions: Vec<[f64; 3]>,
+    /// Contact impedance of each electrode.
+    pub(crate) impedance: Vec<f64>,
 }
 
 impl Geometry {
     /// Memory without numbers.
-    pub(crate) fn empty(elements: usize, entries: usize, nodes: usize) -> Self {
+    pub(crate) fn empty(elements: usize, entries: usize, nodes: usize, electrodes: usize) -> Self {
         let none = Element { alpha: 0.0, beta: 0.0, gamma: 0.0 };
         Self {
             elements: vec![none; elements],
             stiffness: vec![[0.0; 3]; elements],
             constant: vec![0.0; entries],
             positions: vec![[0.0; 3]; nodes],
+            impedance: Vec::with_capacity(electrodes),
         }
+    }
+
+    /// Whether a contact is a shunt or an ideal current source: not for the textbook assembly.
+    pub(crate) fn has_limits(&self) -> bool {
+        self.impedance.iter().any(|z| *z == 0.0 || z.is_infinite())
     }
 
     /// That it belongs to a model of these sizes.
@@ -72,7 +80,7 @@ impl ForwardModel {
     ///
     /// # Errors
     /// Wrong counts, a geometry of another model, positions that are not finite, triangles without
-    /// area, impedances that are not finite and above zero. `geometry` is then not to be used.
+    /// area, impedances that are negative or NaN. `geometry` is then not to be used.
     pub fn deform(
         &self,
         nodes_m: &[[f64; 3]],
@@ -111,6 +119,8 @@ impl ForwardModel {
             *element = Element::new(corners);
             *stiffness = element.stiffness();
         }
+        geometry.impedance.clear();
+        geometry.impedance.extend_from_slice(contact_impedance);
         let Geometry { positions, constant, .. } = geometry;
         self.assembly.fill_contacts(&self.contacts, positions, contact_impedance, constant);
         Ok(())
@@ -128,7 +138,24 @@ impl ForwardModel {
     ) -> Result<Solution<'a>, FemError> {
         geometry.check(self)?;
         self.check_conductivity(conductivity_s)?;
-        Solution::new(self, geometry, conductivity_s, workspace)
+        Solution::new(self, geometry, conductivity_s, workspace, None)
+    }
+
+    /// [`ForwardModel::solve_to`] on a geometry of [`ForwardModel::deform`].
+    ///
+    /// # Errors
+    /// Those of [`ForwardModel::solve_to`], and a geometry of another model.
+    pub fn solve_deformed_to<'a>(
+        &'a self,
+        geometry: &'a Geometry,
+        conductivity_s: &[f64],
+        required_accuracy: f64,
+        workspace: &'a mut Workspace,
+    ) -> Result<Solution<'a>, FemError> {
+        geometry.check(self)?;
+        self.check_conductivity(conductivity_s)?;
+        check_accuracy(required_accuracy)?;
+        Solution::new(self, geometry, conductivity_s, workspace, Some(required_accuracy))
     }
 }
 

@@ -30,6 +30,13 @@ const BLOCK: usize = 256;
 /// one element would fall into two of the sixty-four sets of a first-level cache.
 const STRIDE: usize = BLOCK + 8;
 
+/// Potentials [unknown, solve], and what the accurate path has beyond their last digit.
+#[derive(Clone, Copy)]
+pub(crate) struct Potentials<'a> {
+    pub values: &'a [f64],
+    pub low: Option<&'a [f64]>,
+}
+
 /// Memory of one block.
 pub(crate) struct Block {
     /// Scaled gradients [slot, component, element]; see `Fields::slots`.
@@ -65,7 +72,7 @@ fn components(slot: u32) -> [Range<usize>; 2] {
 pub(crate) fn fill(
     model: &ForwardModel,
     geometry: &Geometry,
-    potentials: &[f64],
+    potentials: Potentials<'_>,
     block: &mut Block,
     mut jacobian: ArrayViewMut2<'_, f64>,
 ) {
@@ -103,13 +110,14 @@ fn scale_into(factor: f64, values: &[f64], row: &mut [f64]) {
 /// Scaled gradients of the basis fields on one block.
 fn gradients(
     model: &ForwardModel,
-    (geometry, potentials): (&Geometry, &[f64]),
+    (geometry, potentials): (&Geometry, Potentials<'_>),
     start: usize,
     count: usize,
     out: &mut [f64],
 ) {
     let solves = model.fields.basis.nrows();
-    let row = |unknown: u32| &potentials[unknown as usize * solves..][..solves];
+    let row = |unknown: u32| &potentials.values[unknown as usize * solves..][..solves];
+    let low = |unknown: u32| potentials.low.map(|low| &low[unknown as usize * solves..][..solves]);
     for i in 0..count {
         let element = geometry.elements[start + i];
         let [u0, u1, u2] = model.triangles[start + i].map(row);
@@ -117,6 +125,13 @@ fn gradients(
             let [x, y] = element.gradient([u0[r], u1[r], u2[r]]);
             out[2 * STRIDE * r + i] = x;
             out[2 * STRIDE * r + STRIDE + i] = y;
+        }
+        if let [Some(u0), Some(u1), Some(u2)] = model.triangles[start + i].map(low) {
+            for r in 0..solves {
+                let [x, y] = element.gradient([u0[r], u1[r], u2[r]]);
+                out[2 * STRIDE * r + i] += x;
+                out[2 * STRIDE * r + STRIDE + i] += y;
+            }
         }
     }
 }

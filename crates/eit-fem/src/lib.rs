@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod accurate;
 pub mod analytic;
 mod assembly;
 mod electrode_model;
@@ -20,5 +21,5 @@ pub use error::FemError;
 pub use forward::{ForwardModel, ModelCost};
 pub use geometry::Geometry;
 pub use protocol::{DrivenElectrodes, Order, PairPattern, PairProtocol, Protocol};
-pub use solution::{Solution, SolveReport};
+pub use solution::{Solution, SolvePath, SolveReport};
 pub use workspace::Workspace;

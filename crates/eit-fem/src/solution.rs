@@ -7,6 +7,7 @@
 //! After the first solve with a workspace, [`ForwardModel::solve`],
 //! [`Solution::measurements_into`] and [`Solution::jacobian_into`] allocate nothing of their own.
 
+use crate::accurate::{self, Accurate};
 use crate::forward::ForwardModel;
 use crate::geometry::Geometry;
 use crate::{FemError, Workspace, jacobian};
@@ -21,15 +22,28 @@ pub struct Solution<'a> {
     workspace: &'a mut Workspace,
     fields_solved: bool,
     backward_error: Option<f64>,
+    /// Numbers of the accurate path, if it was taken.
+    accurate: Option<Accurate>,
     time: Duration,
+}
+
+/// The way a forward solve took.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SolvePath {
+    /// Textbook assembly in `f64`: exact enough for ordinary scenes.
+    Plain,
+    /// Electrodes eliminated analytically, twice the precision.
+    Accurate,
 }
 
 /// How a forward solve went.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolveReport {
+    /// The way it took.
+    pub path: SolvePath,
     /// Node and electrode potentials.
     pub unknowns: usize,
-    /// Stored entries of the Cholesky factor.
+    /// Stored entries of the Cholesky factor (accurate path: 16 bytes each).
     pub factor_entries: usize,
     /// Fields solved: the rank of the protocol's patterns.
     pub field_solves: usize,
@@ -40,7 +54,18 @@ pub struct SolveReport {
     /// `1000 eps max(a_ii) / min(a_ii)` over the diagonal. An estimate from the spread of
     /// conductances, which the backward error cannot see; above the true error in every reference
     /// case of `tests/reference.rs`, often far above it. Near 1 no digit is certain.
+    ///
+    /// On the accurate path it is `error_bound`.
     pub expected_loss: f64,
+    /// No voltage is wrong by more than this fraction of the largest one. On the accurate path a
+    /// bound from residuals and the rounding of every step, at least `eps`; on the plain path
+    /// [`SolveReport::expected_loss`], an estimate.
+    pub error_bound: f64,
+    /// No voltage is wrong by more than this fraction of itself; on the plain path an estimate.
+    pub value_error_bound: f64,
+    /// Relative change of the voltages per relative change of the conductances, at most: the loss
+    /// over the rounding. On the plain path the spread of the diagonal.
+    pub condition: f64,
     /// Time of assembly, factorisation and fields, seconds.
     pub time_s: f64,
 }
@@ -52,18 +77,65 @@ impl<'a> Solution<'a> {
         geometry: &'a Geometry,
         conductivity_s: &[f64],
         workspace: &'a mut Workspace,
+        required_accuracy: Option<f64>,
     ) -> Result<Self, FemError> {
         let start = Instant::now();
         workspace.check(model)?;
-        model.assembly.fill(geometry, conductivity_s, &mut workspace.factor.values);
-        model.solver.factorise(&model.assembly, &mut workspace.factor)?;
-        workspace.transfer.fill(0.0);
-        workspace.transfer.diagonal_mut().column_vector_mut().fill(1.0);
-        model.solver.solve_electrodes(&workspace.factor, workspace.transfer.as_mut());
-        workspace.fill_electrode_potentials(&model.patterns);
-        workspace.check_potentials()?;
+        let plain = !geometry.has_limits()
+            && match required_accuracy {
+                None => plain(model, geometry, conductivity_s, workspace).map(|()| true)?,
+                // whatever stops the plain path, the other one may not know
+                Some(wish) => plain(model, geometry, conductivity_s, workspace)
+                    .is_ok_and(|()| 1000.0 * f64::EPSILON * spread(model, workspace) <= wish),
+            };
+        let accurate = if plain {
+            None
+        } else {
+            Some(accurate::solve(model, geometry, conductivity_s, workspace)?)
+        };
+        let (fields_solved, backward_error) =
+            (accurate.is_some(), accurate.as_ref().map(|a| a.backward_error));
         let time = start.elapsed();
-        Ok(Self { model, geometry, workspace, fields_solved: false, backward_error: None, time })
+        let solution =
+            Self { model, geometry, workspace, fields_solved, backward_error, accurate, time };
+        if let (Some(required), Some(_)) = (required_accuracy, &solution.accurate) {
+            let reached = solution.error_bounds().0;
+            if reached > required || reached.is_nan() {
+                return Err(FemError::AccuracyNotReached { reached, required });
+            }
+        }
+        Ok(solution)
+    }
+
+    /// Bounds of the largest error over the largest voltage, and of the largest relative error.
+    fn error_bounds(&self) -> (f64, f64) {
+        let count = self.model.protocol().measurements();
+        let sizes = (0..count).map(|datum| self.voltage(datum).abs());
+        let (least, most) = sizes.fold((f64::INFINITY, 0.0_f64), |(l, m), v| (l.min(v), m.max(v)));
+        match &self.accurate {
+            None => {
+                let loss = self.expected_loss();
+                (loss, loss * most / least)
+            }
+            Some(a) => {
+                let largest = a.bounds_v.iter().fold(0.0_f64, |m, b| m.max(*b));
+                let ratios = a.bounds_v.iter().zip(&a.voltages_v).map(|(b, v)| b / v.abs());
+                (largest / most, ratios.fold(0.0, f64::max))
+            }
+        }
+    }
+
+    /// Bound of the error of each voltage, volt, in protocol order: from residuals and rounding on
+    /// the accurate path, [`SolveReport::expected_loss`] of the largest voltage on the plain one.
+    pub fn measurement_bounds(&self) -> Array1<f64> {
+        let voltages = self.measurements();
+        match &self.accurate {
+            Some(a) => Array1::from(a.bounds_v.clone()),
+            None => {
+                let largest = voltages.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+                Array1::from_elem(voltages.len(), self.expected_loss() * largest)
+            }
+        }
     }
 
     /// Voltages in protocol order, volt.
@@ -86,6 +158,9 @@ impl<'a> Solution<'a> {
     }
 
     fn voltage(&self, datum: usize) -> f64 {
+        if let Some(accurate) = &self.accurate {
+            return accurate.voltages_v[datum];
+        }
         let [stimulation, pattern] = self.model.protocol().data()[datum].map(|i| i as usize);
         let electrodes = self.model.protocol().electrodes();
         let potentials = &self.workspace.electrode_potentials[stimulation * electrodes..];
@@ -111,8 +186,12 @@ impl<'a> Solution<'a> {
         let stimulations = model.patterns.stimulations_a.len();
         let mut result = Array2::zeros((stimulations, model.unknown_of_node.len()));
         for (s, mut row) in result.rows_mut().into_iter().enumerate() {
-            // the ground electrode's potential is the constant between the two scales
-            let ground_v = self.workspace.electrode_potentials[(s + 1) * electrodes - 1];
+            // the constant between the two scales: the potential of the ground electrode, on the
+            // accurate path of the skin under it
+            let ground_v = match &self.accurate {
+                None => self.workspace.electrode_potentials[(s + 1) * electrodes - 1],
+                Some(accurate) => accurate.levels_v[s],
+            };
             let (field, factor) = model.fields.stimulations[s];
             let weights = &model.fields.combinations[field as usize];
             for (value, &unknown) in row.iter_mut().zip(&model.unknown_of_node) {
@@ -158,6 +237,8 @@ impl<'a> Solution<'a> {
     fn fill_jacobian(&mut self, jacobian: ArrayViewMut2<'_, f64>) {
         self.solve_fields();
         let Workspace { potentials, block, .. } = &mut *self.workspace;
+        let low = self.accurate.as_ref().map(|a| a.low.as_slice());
+        let potentials = jacobian::Potentials { values: potentials, low };
         jacobian::fill(self.model, self.geometry, potentials, block, jacobian);
     }
 
@@ -169,12 +250,24 @@ impl<'a> Solution<'a> {
             Some(known) => known,
             None => *self.backward_error.insert(self.backward_error()),
         };
+        let (error_bound, value_error_bound) = self.error_bounds();
+        let (path, factor_entries, condition) = match &self.accurate {
+            None => {
+                let entries = self.model.solver.factor_entries();
+                (SolvePath::Plain, entries, spread(self.model, self.workspace))
+            }
+            Some(a) => (SolvePath::Accurate, a.factor_entries, a.condition),
+        };
         SolveReport {
+            path,
             unknowns: self.model.unknowns(),
-            factor_entries: self.model.solver.factor_entries(),
+            factor_entries,
             field_solves: self.model.fields.basis.nrows(),
             backward_error,
             expected_loss: self.expected_loss(),
+            error_bound,
+            value_error_bound,
+            condition,
             time_s: self.time.as_secs_f64(),
         }
     }
@@ -196,14 +289,10 @@ impl<'a> Solution<'a> {
     }
 
     fn expected_loss(&self) -> f64 {
-        let assembly = &self.model.assembly;
-        let values = &self.workspace.factor.values;
-        // rows ascend within a column of the lower triangle: its first entry is the diagonal
-        let diagonal =
-            assembly.column_starts[..self.model.unknowns()].iter().map(|&k| values[k as usize]);
-        let (least, most) =
-            diagonal.fold((f64::INFINITY, 0.0_f64), |(least, most), d| (least.min(d), most.max(d)));
-        1000.0 * f64::EPSILON * most / least
+        match &self.accurate {
+            None => 1000.0 * f64::EPSILON * spread(self.model, self.workspace),
+            Some(_) => self.error_bounds().0,
+        }
     }
 
     fn backward_error(&self) -> f64 {
@@ -229,4 +318,31 @@ impl<'a> Solution<'a> {
         }
         worst
     }
+}
+
+/// The textbook path: assembly, factorisation and electrode potentials in the workspace.
+fn plain(
+    model: &ForwardModel,
+    geometry: &Geometry,
+    conductivity_s: &[f64],
+    workspace: &mut Workspace,
+) -> Result<(), FemError> {
+    model.assembly.fill(geometry, conductivity_s, &mut workspace.factor.values);
+    model.solver.factorise(&model.assembly, &mut workspace.factor)?;
+    workspace.transfer.fill(0.0);
+    workspace.transfer.diagonal_mut().column_vector_mut().fill(1.0);
+    model.solver.solve_electrodes(&workspace.factor, workspace.transfer.as_mut());
+    workspace.fill_electrode_potentials(&model.patterns);
+    workspace.check_potentials()
+}
+
+/// Largest over smallest entry of the assembled diagonal.
+fn spread(model: &ForwardModel, workspace: &Workspace) -> f64 {
+    let values = &workspace.factor.values;
+    // rows ascend within a column of the lower triangle: its first entry is the diagonal
+    let starts = &model.assembly.column_starts[..model.unknowns()];
+    let diagonal = starts.iter().map(|&k| values[k as usize]);
+    let (least, most) =
+        diagonal.fold((f64::INFINITY, 0.0_f64), |(least, most), d| (least.min(d), most.max(d)));
+    most / least
 }

@@ -38,14 +38,15 @@ fn electrode_counts_must_agree() {
 }
 
 #[test]
-fn impedances_must_be_positive_numbers() {
-    for (value, text) in [(0.0, "0"), (-1.0, "-1"), (f64::NAN, "NaN"), (f64::INFINITY, "inf")] {
+fn impedances_must_not_be_negative() {
+    for (value, text) in [(-1.0, "-1"), (f64::NAN, "NaN"), (f64::NEG_INFINITY, "-inf")] {
         let mut impedance = [0.05; 12];
         impedance[2] = value;
         says(
             ForwardModel::new(&ring_disc(4), &protocol(), &impedance),
             &format!(
-                "the contact impedance of electrode 3 is {text}: it must be finite and above zero"
+                "the contact impedance of electrode 3 is {text}: it must be zero (a shunt), above \
+                 zero, or infinite (an ideal current source)"
             ),
         );
     }
@@ -59,8 +60,10 @@ fn conductivities_must_be_positive_numbers() {
     {
         let mut conductivity = vec![1.0; model.elements()];
         conductivity[7] = value;
-        let wanted =
-            format!("the conductivity of element 7 is {text} S: it must be finite and above zero");
+        let wanted = format!(
+            "the conductivity of element 7 is {text} S: it must be finite and above zero (1 of \
+                 the elements are not; for a hole leave them out of the mesh)"
+        );
         says(model.forward(&conductivity), &wanted);
         says(model.jacobian(&conductivity), &wanted);
     }
