@@ -1,6 +1,7 @@
 //! Takes over what a full report has measured: `cargo run --release -p benches --bin adopt -- DIR
-//! [PEERS]`, DIR of `eit report --out DIR`, PEERS of `eit report --scenes paper-disc-60 --peers PYTHON
-//! --out PEERS`.
+//! [PEERS [PLANS]]`, DIR of `eit report --out DIR`, PEERS of `eit report --scenes paper-disc-60 --peers
+//! PYTHON --out PEERS`; and, with the table that DIR has left built in, PLANS of `eit report --plans --out
+//! PLANS`.
 //!
 //! The tables of choices, plans and forward problems go to `docs/PERFORMANCE.md`, the pictures of
 //! the paper's skin to `docs/images`, and `inverse.csv`, without peers and without nets that are not
@@ -35,6 +36,13 @@ fn main() -> Result<()> {
         let part = |title: &str| section(&report, title).ok_or_else(|| format!("no '{title}'"));
         let (forward, scene) = (part("Forward problem")?, part("paper-disc-60")?);
         document::write("report-peers", &format!("{lead}\n\n{forward}\n\n{scene}"))?;
+    }
+    if let Some(plans) = std::env::args().nth(3) {
+        let report = read(&Path::new(&plans).join("report.md"))?;
+        let lead = report.lines().nth(2).unwrap_or_default();
+        let (title, part) = SECTIONS[1];
+        let body = section(&report, title).ok_or_else(|| format!("no section '{title}'"))?;
+        document::write(part, &format!("{lead}\n\n{body}"))?;
     }
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     for name in PICTURES {
