@@ -214,7 +214,7 @@ mod tests {
             iterations,
             ..row.clone()
         };
-        let mut rows = vec![
+        let mut rows = [
             of("a", 0.40, 5.0, 1e-1, 52.0),
             of("a", 0.40, 4.9, 3e-1, 52.0),
             of("b", 0.396, 9.0, 1e-2, 99.0),

@@ -93,7 +93,9 @@ pub(crate) fn draw_plot(plot: &Plot) -> Result<Canvas, PictureError> {
     let note = font.wrap(&plot.footnote, NOTE_EM, width - 2.0 * MARGIN);
     let title_height = block_height(&title, TITLE_EM);
     let top = (MARGIN + title_height + LINE_HEIGHT + 4.0).floor();
-    let note_top = top + AREA[1] + 2.0 * LINE_HEIGHT + 8.0;
+    let named = names.iter().filter(|name| !name.is_empty()).count();
+    let below_legend = 16.0 + LINE_HEIGHT * named as f64;
+    let note_top = top + (AREA[1] + 2.0 * LINE_HEIGHT + 8.0).max(below_legend);
     let height = note_top + block_height(&note, NOTE_EM) + MARGIN;
 
     let mut canvas = Canvas::new(width, height, plot.zoom.clamp(1, 4), font);
@@ -260,6 +262,18 @@ mod tests {
         let canvas = canvas.unwrap();
         assert!(canvas.rgb().chunks_exact(3).any(|pixel| pixel == COLORS[0]));
         assert!(!canvas.rgb().chunks_exact(3).any(|pixel| pixel == COLORS[1]));
+    }
+
+    #[test]
+    fn a_long_legend_makes_room() {
+        let height = |count: usize| {
+            let mut plot = plot(vec![[1.0, 1.0], [2.0, 2.0]], [false; 2]);
+            let series = Series { name: "name".into(), ..plot.series[0].clone() };
+            plot.series = vec![series; count];
+            draw_plot(&plot).unwrap().size_px()[1]
+        };
+        assert_eq!(height(2), height(9));
+        assert!(height(30) >= height(9) + 11 * LINE_HEIGHT as usize);
     }
 
     #[test]

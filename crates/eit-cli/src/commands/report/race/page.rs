@@ -48,7 +48,9 @@ pub(super) fn write(
         machine.words(),
         if quick { ". Quick: fewer frames, pixels, gaps and meshes" } else { "" }
     );
-    let forward: Vec<_> = results.iter().map(|r| (r.case.name, &r.forward)).collect();
+    // cases of one skin share its meshes
+    let mut forward: Vec<_> = results.iter().map(|r| (r.case.scene, &r.forward)).collect();
+    forward.dedup_by_key(|(scene, _)| *scene);
     let is_whole = forward.iter().any(|(_, course)| !course.points.is_empty());
     let forward_png = match is_whole {
         true => Some(plots::png(&plots::forward(&forward)?)?),
@@ -171,10 +173,13 @@ fn promise_table(results: &[Findings]) -> Table {
 
 fn forward_table(results: &[Findings]) -> Table {
     let mut rows = Vec::new();
-    for result in results {
+    for (number, result) in results.iter().enumerate() {
+        if results[..number].iter().any(|before| before.case.scene == result.case.scene) {
+            continue;
+        }
         for point in &result.forward.points {
             rows.push(vec![
-                result.case.name.to_owned(),
+                result.case.scene.to_owned(),
                 point.solver.clone(),
                 point.nodes.to_string(),
                 point.elements.to_string(),

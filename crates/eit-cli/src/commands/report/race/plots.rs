@@ -18,6 +18,9 @@ const ONE_POINT: [&str; 4] =
 /// A peer whose settings are one curve.
 const PEER: &str = "NumPy primal-dual";
 
+/// Nets of files: one set of points for all of them, the table tells them apart.
+const NET: &str = "U-net ";
+
 /// Files of a scene's pictures and their bytes.
 pub(super) fn draw(
     case: &Case,
@@ -69,6 +72,12 @@ fn series(rows: &[Measured], finest: usize) -> Vec<Series> {
             }
             None => label,
             _ if label.starts_with(PEER) => PEER.to_owned(),
+            _ if label.contains(NET) => {
+                format!(
+                    "{} of other sizes",
+                    label.split_inclusive(NET).next().unwrap_or_default().trim()
+                )
+            }
             Some(pixels) if label == "st-tv ≥ 0" => format!("{label}, {pixels} px"),
             Some(pixels) if pixels == finest => label,
             Some(_) => continue,
@@ -80,8 +89,8 @@ fn series(rows: &[Measured], finest: usize) -> Vec<Series> {
         }
     }
     let one = |(name, points): (String, Vec<[f64; 2]>)| Series {
+        line: points.len() > 1 && !name.contains(NET),
         name,
-        line: points.len() > 1,
         points,
         markers: true,
     };
