@@ -19,12 +19,13 @@ pub(crate) struct Expected {
     machine: Machine,
 }
 
-/// The scene as `frame_time_s` would find it if the user had not yet chosen: bounds, noise and rule
-/// stay.
+/// The scene as `frame_time_s` would find it if the user had not yet chosen, and had stated the noise:
+/// bounds and rule stay.
 fn open(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
     let keys = &mut scene.reconstruction;
     (keys.method, keys.pixels, keys.target_gap) = (None, None, None);
+    scene.noise.additive_v.get_or_insert(1.0);
     scene
 }
 
@@ -70,14 +71,14 @@ impl Expected {
             None => format!("expected error of the images: not measured on {scene} ({why})"),
         }];
         lines.push(
-            "least error within the time of a frame, of what this scene allows (frame_time_s takes \
-             it), and the time here"
+            "least error within the time of a frame, of what this scene allows once its noise is \
+             stated (frame_time_s takes it), and the time here"
                 .to_owned(),
         );
         for (budget_s, live, row) in &self.best {
             let kind = if *live { "live" } else { "recorded" };
             let found = row.as_ref().map_or_else(
-                || "nothing is so fast".to_owned(),
+                || "nothing that the scene allows is so fast".to_owned(),
                 |row| {
                     let time_ms = row.cost_ms_a_frame * row.slowness(&self.machine);
                     format!("{}: error {:.2}, {time_ms:.2} ms", row.words(), row.relative_error)
