@@ -24,7 +24,7 @@ fn scenes_that_cannot_be() {
         ("radius_m = 0.1", "radus_m = 0.1", "did you mean \"radius_m\"?"),
         ("conductivity_s = 1e-5", "conductivity_s = 0.0", "skin.conductivity_s is 0"),
         ("conductivity_s = 1e-5", "conductivity_s = -1e-5", "above zero"),
-        ("contact_impedance_ohm_m = 1e3", "contact_impedance_ohm_m = 0.0", "electrode 1 is 0"),
+        ("contact_impedance_ohm_m = 1e3", "contact_impedance_ohm_m = -1.0", "electrode 1 is -1"),
         ("contact_impedance_ohm_m = 1e3", "contact_impedance_ohm_m = [1.0, 2.0]", "2 values for 8"),
         ("width_m = 0.02", "width_m = 0.2", "electrodes 1 and 2 overlap"),
         ("width_m = 0.02", "width_m = 0.0", "width_m"),

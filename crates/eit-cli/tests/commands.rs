@@ -84,6 +84,32 @@ fn mesh_file_forward_and_jacobian_agree() {
     assert!(error < 0.02 * largest, "{error:e} of {largest:e}");
 }
 
+/// Shunts (zero) and ideal current sources (infinite) are scenes like others: the limits of what
+/// small and large contact impedances give. No current is measured through a driven electrode here,
+/// so that both limits are finite.
+#[test]
+fn limits_of_the_contact_impedance_are_scenes() {
+    let folder = tempfile::tempdir().unwrap();
+    let forward = |impedance: &str| -> Array1<f64> {
+        let key = "contact_impedance_ohm_m = ";
+        let content = SMALL.replace(&format!("{key}1e3"), &format!("{key}{impedance}"));
+        let scene = write_scene(folder.path(), &content);
+        succeed(&["plan", text(&scene)]);
+        let out = folder.path().join("v.npy");
+        succeed(&["forward", text(&scene), "--out", text(&out)]);
+        ndarray_npy::read_npy(&out).unwrap()
+    };
+    let size = |v: &Array1<f64>| v.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+    for (limit, near, nearer) in [("0.0", "1e0", "1e-1"), ("inf", "1e7", "1e8")] {
+        let exact = forward(limit);
+        let errors = [near, nearer].map(|z| size(&(&forward(z) - &exact)) / size(&exact));
+        // contacts of 1e3 ohm m and the skin of 1e5 ohm square are alike over an electrode of 0.02 m:
+        // a thousandth of that is felt in the third digit, and the limit is met linearly
+        assert!(errors[0] < 1e-2, "{limit}: {errors:?}");
+        assert!((0.08..0.12).contains(&(errors[1] / errors[0])), "{limit}: {errors:?}");
+    }
+}
+
 /// Few frames of the simulated fabric: frames.npy, and their scene.
 fn simulated(folder: &std::path::Path) -> std::path::PathBuf {
     let out = folder.join("simulated");

@@ -13,7 +13,8 @@ const MOST_SERIES_ELECTRODES: usize = 32;
 const HARMONICS_OF_A_DEGREE: usize = 170;
 
 /// Voltages of the homogeneous disc in protocol order by the mesh-free series, volt; `None` where
-/// the skin is no disc, its contacts differ, or its electrodes are too many for a quick answer.
+/// the skin is no disc, its contacts differ or
+/// have no finite impedance above zero, or its electrodes are too many for a quick answer.
 ///
 /// `degree` polynomials on each electrode; more of them are more digits.
 pub(crate) fn disc_voltages(
@@ -34,6 +35,10 @@ pub(crate) fn disc_voltages(
     else {
         return Ok(None);
     };
+    // shunts and ideal current sources are the mesh's alone
+    if !(contact_impedance_ohm_m > 0.0 && contact_impedance_ohm_m.is_finite()) {
+        return Ok(None);
+    }
     let turn = match direction {
         eit_mesh::Direction::Counterclockwise => 1.0,
         eit_mesh::Direction::Clockwise => -1.0,

@@ -9,11 +9,13 @@ use crate::pipeline::{DEFAULT_NOISE_FIGURE, DEFAULT_PIXELS, Setup};
 use crate::scene::{DifferenceKind, Hyperparameter, Rule, Scene, Shape};
 use eit_mesh::Quality;
 
+/// Dense product in double precision where the rates below were fitted: times are scaled by it to
+/// the machine at hand.
+const FITTED_FLOPS_PER_S: f64 = 4e10;
 /// Rates behind the predicted times, fitted by hand on one core of the machine of
 /// `docs/PERFORMANCE.md` with 16 electrodes at 2 000 and 20 000 nodes: sparse factorisation with
 /// its overhead per element, backward sweeps, priors per entry of the Jacobian, dense products and
 /// factorisations, stores to memory, reads from cache. Elsewhere they are a guide, not a promise.
-const FITTED_FLOPS_PER_S: f64 = 4e10;
 const FACTOR_FLOPS_PER_S: f64 = 8e9;
 const ELEMENT_S: f64 = 1.5e-7;
 const SWEEP_FLOPS_PER_S: f64 = 6e9;
@@ -24,8 +26,9 @@ const STORE_BYTES_PER_S: f64 = 8e9;
 /// Beyond the caches, where pages are new.
 const NEW_BYTES_PER_S: f64 = 3e9;
 const CACHED_BYTES: f64 = 1.6e7;
-/// Directions of the data that a smooth prior or rounding leave, however many electrodes.
-const MOST_DIRECTIONS: f64 = 250.0;
+/// Directions of the data that a smooth prior or rounding leave in practice, however many
+/// electrodes: 261 of 32 with trigonometric currents.
+const USUAL_DIRECTIONS: f64 = 250.0;
 const READ_BYTES_PER_S: f64 = 4.5e10;
 /// Meshing, seconds a node.
 const NODE_S: f64 = 5.5e-6;
@@ -67,6 +70,8 @@ struct Sizes<'a> {
     skin_pixels: f64,
     /// Independent measurements at most.
     rank: f64,
+    /// Those of them that time is counted for.
+    directions: f64,
     /// The method on the built-in scene most like this one.
     measured: Option<&'a Measured>,
     machine: &'a Machine,
@@ -83,6 +88,8 @@ pub(crate) fn of(
     let (m, n) = (setup.protocol.measurements() as f64, setup.model.elements() as f64);
     let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
     let electrodes = setup.protocol.electrodes() as f64;
+    // reciprocity leaves L (L - 1) / 2 independent measurements at most; smooth priors fewer
+    let rank = m.min(cost.field_products as f64).min(n).min(0.5 * electrodes * (electrodes - 1.0));
     let sizes = Sizes {
         measured,
         machine,
@@ -92,12 +99,8 @@ pub(crate) fn of(
         elements: n,
         pixels,
         skin_pixels: (skin_share(setup) * (pixels * pixels) as f64).round(),
-        // reciprocity leaves L (L - 1) / 2 independent measurements at most; smooth priors fewer
-        rank: m
-            .min(cost.field_products as f64)
-            .min(n)
-            .min(0.5 * electrodes * (electrodes - 1.0))
-            .min(MOST_DIRECTIONS),
+        rank,
+        directions: rank.min(USUAL_DIRECTIONS),
     };
     let mut stages = sizes.model();
     match method {
@@ -170,7 +173,7 @@ impl Sizes<'_> {
 
     /// The one-step matrix and its hyperparameter.
     fn matrix(&self) -> Stage {
-        let (m, n, rank) = (self.measurements, self.elements, self.rank);
+        let (m, n, rank) = (self.measurements, self.elements, self.directions);
         let scene = self.scene;
         let products_flops = m * m * n + 2.0 * m * n * rank;
         let decomposition = 4.0 * m * rank * rank;
@@ -189,7 +192,7 @@ impl Sizes<'_> {
     /// One image.
     fn frame(&self) -> Stage {
         let (pixels, rank) = (self.pixels, self.rank);
-        let image = 2.0 * rank * (self.measurements + self.skin_pixels);
+        let image = 2.0 * self.directions * (self.measurements + self.skin_pixels);
         let (scene, setup) = (self.scene, self.setup);
         Stage {
             name: "each frame",
@@ -211,7 +214,7 @@ impl Sizes<'_> {
     /// One image of a method that couples frames: on elements.
     fn sequence_frame(&self) -> Stage {
         let (m, n, rank) = (self.measurements, self.elements, self.rank);
-        let flops = 2.0 * rank * (m + n) + 10.0 * rank;
+        let flops = self.directions * (2.0 * (m + n) + 10.0);
         Stage {
             name: "each frame",
             size: format!("{n} elements, rank {rank} at most"),
@@ -241,7 +244,7 @@ impl Sizes<'_> {
 
     /// Set-up, choice of weights, and the iteration.
     fn total_variation(&self, sequence: Sequence) -> Vec<Stage> {
-        let (m, n, rank) = (self.measurements, self.skin_pixels, self.rank);
+        let (m, n, rank) = (self.measurements, self.skin_pixels, self.directions);
         let count = sequence.solved().unwrap_or(ASSUMED_FRAMES);
         // the kernels work on eight frames at once
         let iteration = |frames: usize| 4.0 * n * rank * frames.next_multiple_of(TV_LANES) as f64;
@@ -271,7 +274,7 @@ impl Sizes<'_> {
         let keys = &self.scene.reconstruction;
         let mut stages = vec![Stage {
             name: "Jacobian of pixels",
-            size: format!("[{m}, {n}], rank {rank} at most"),
+            size: format!("[{m}, {n}], rank {} at most", self.rank),
             flops: set_up,
             bytes: 8.0 * m * n,
             time_s: set_up / DECOMPOSITION_FLOPS_PER_S,

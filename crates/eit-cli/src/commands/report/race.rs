@@ -1,10 +1,9 @@
 //! Error against run time: every solver on every built-in scene, measured now and here.
 //!
 //! A scene is a skin, two slowly moving fingers (once soft, once with an edge) and noise, or the
-//! paper's experiments on the simulated fabric; simulated
-//! on a finer mesh, reconstructed on another. A direct method is one point, an iterated one a curve
-//! over the gap it is run to from cold. Beside each time stands the floor: the same work at this
-//! machine's best rates.
+//! paper's experiments on the simulated fabric; simulated on a finer mesh, reconstructed on another.
+//! A direct method is one point, an iterated one a curve over the gap it is run to from cold. Beside
+//! each time stands the floor: the same work at this machine's best rates.
 
 mod best;
 pub(crate) mod case;
