@@ -145,6 +145,11 @@ pub(crate) struct Adjacency {
 }
 
 impl Adjacency {
+    /// Neighbours of one node.
+    pub fn list(&self, node: usize) -> &[u32] {
+        &self.neighbours[self.starts[node] as usize..self.starts[node + 1] as usize]
+    }
+
     /// From links in both directions; a link may come several times.
     pub fn from_links(count: usize, mut links: Vec<(u32, u32)>) -> Self {
         links.sort_unstable();

@@ -92,7 +92,7 @@ impl ForwardModel {
             contacts.iter().map(|c| c.renumbered(&unknown_of_node)).collect();
         let triangles = renumber(surface.triangles(), &unknown_of_node);
         let assembly = Assembly::new(nodes + ground, &triangles, &contacts);
-        let solver = Solver::new(&assembly, nodes)?;
+        let solver = Solver::new(&assembly, nodes);
         let (elements, entries) = (triangles.len(), assembly.entry_count());
         let mut geometry = Geometry::empty(elements, entries, nodes, ground + 1);
         let mut model = Self {

@@ -3,6 +3,7 @@
 mod accurate;
 pub mod analytic;
 mod assembly;
+mod cholesky;
 mod electrode_model;
 mod element;
 mod error;

@@ -328,7 +328,7 @@ fn plain(
     workspace: &mut Workspace,
 ) -> Result<(), FemError> {
     model.assembly.fill(geometry, conductivity_s, &mut workspace.factor.values);
-    model.solver.factorise(&model.assembly, &mut workspace.factor)?;
+    model.solver.factorise(&mut workspace.factor)?;
     workspace.transfer.fill(0.0);
     workspace.transfer.diagonal_mut().column_vector_mut().fill(1.0);
     model.solver.solve_electrodes(&workspace.factor, workspace.transfer.as_mut());

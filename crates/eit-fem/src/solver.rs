@@ -6,19 +6,18 @@
 //! electrode). So a frame of voltages costs one factorisation; fields inside the skin cost one
 //! backward sweep for each independent pattern.
 //!
-//! Node ordering: approximate minimum degree (Amestoy, Davis, Duff 1996) on the nodes alone.
-//! Factorisation: supernodal, by faer, on memory the caller owns.
+//! Node ordering: approximate minimum degree (Amestoy, Davis, Duff 1996) on the nodes alone, by
+//! faer. Factorisation and sweeps: [`crate::cholesky`].
 
 use crate::FemError;
 use crate::assembly::{Adjacency, Assembly};
-use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
-use faer::linalg::cholesky::llt::factor::LltError;
+use crate::cholesky::{Cholesky, Numbers, postordered};
+use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::triangular_solve;
 use faer::prelude::*;
-use faer::sparse::linalg::cholesky::{self, supernodal};
-use faer::sparse::linalg::{SupernodalThreshold, amd};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Accum, MatMut, MatRef, Par, Side};
+use faer::sparse::SymbolicSparseColMatRef;
+use faer::sparse::linalg::amd;
+use faer::{MatMut, Par};
 
 /// Elimination order of nodes that keeps the factor sparse: `new_from_old`.
 pub(crate) fn order(graph: &Adjacency) -> Result<Vec<u32>, FemError> {
@@ -42,22 +41,13 @@ pub(crate) fn order(graph: &Adjacency) -> Result<Vec<u32>, FemError> {
         MemStack::new(&mut memory),
     )
     .map_err(|_| too_large)?;
-    Ok(new_from_old)
-}
-
-impl Factor {
-    /// Numbers of matrix values and factor entries, and bytes of scratch memory.
-    pub fn sizes(&self) -> (usize, usize, usize) {
-        (self.values.len(), self.factor.len(), self.scratch_bytes)
-    }
+    Ok(postordered(graph, &new_from_old))
 }
 
 /// The symbolic factorisation of one pattern.
 #[derive(Debug)]
 pub(crate) struct Solver {
-    symbolic: cholesky::SymbolicCholesky<u32>,
-    /// Scratch memory of one factorisation.
-    scratch: StackReq,
+    cholesky: Cholesky,
     /// Unknowns of nodes; the rest are electrodes.
     nodes: usize,
     unknowns: usize,
@@ -67,143 +57,60 @@ pub(crate) struct Solver {
 pub(crate) struct Factor {
     /// Values of the lower triangle.
     pub values: Vec<f64>,
-    factor: Vec<f64>,
-    memory: MemBuffer,
-    scratch_bytes: usize,
+    numbers: Numbers,
     /// Trailing block of the factor, electrodes only.
     trailing: Mat<f64>,
-    gathered: Vec<f64>,
+}
+
+impl Factor {
+    /// Numbers of matrix values, factor entries and entries of scratch memory.
+    pub fn sizes(&self) -> (usize, usize, usize) {
+        let (factor, stack) = self.numbers.sizes();
+        (self.values.len(), factor, stack)
+    }
 }
 
 impl Solver {
     /// Analyses the pattern; `nodes` unknowns come first, electrodes after them.
-    pub fn new(assembly: &Assembly, nodes: usize) -> Result<Self, FemError> {
+    pub fn new(assembly: &Assembly, nodes: usize) -> Self {
         let unknowns = assembly.column_starts.len() - 1;
-        let full = full_pattern(assembly);
-        let pattern = SymbolicSparseColMatRef::<u32>::new_checked(
-            unknowns,
-            unknowns,
-            &full.starts,
-            None,
-            &full.neighbours,
-        );
-        let params = cholesky::CholeskySymbolicParams {
-            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
-            ..Default::default()
-        };
-        let symbolic = cholesky::factorize_symbolic_cholesky(
-            pattern,
-            Side::Upper,
-            cholesky::SymmetricOrdering::Identity,
-            params,
-        )
-        .map_err(|_| FemError::OutOfMemory { unknowns })?;
-        let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
-        Ok(Self { symbolic, scratch, nodes, unknowns })
+        let cholesky = Cholesky::new(&assembly.column_starts, &assembly.rows, nodes);
+        Self { cholesky, nodes, unknowns }
     }
 
-    /// Entries of the factor, zeros inside supernodes included.
+    /// Values of the factor, zeros inside fronts and padding included.
     pub fn factor_entries(&self) -> usize {
-        self.symbolic.len_val()
+        self.cholesky.factor_entries()
     }
 
     /// Floating point operations of one factorisation: the sum over columns of the squared count.
     pub fn factor_flops(&self) -> f64 {
-        let cholesky::SymbolicCholeskyRaw::Supernodal(symbolic) = self.symbolic.raw() else {
-            return 0.0;
-        };
-        (0..symbolic.n_supernodes())
-            .map(|s| {
-                let node = symbolic.supernode(s);
-                let columns = symbolic.supernode_end()[s] as usize - node.start();
-                let rows = columns + node.pattern().len();
-                (0..columns).map(|j| ((rows - j) as f64).powi(2)).sum::<f64>()
-            })
-            .sum()
+        self.cholesky.flops()
     }
 
-    /// Bytes of scratch memory of one factorisation.
-    pub fn scratch_bytes(&self) -> usize {
-        self.scratch.unaligned_bytes_required()
+    /// Values of scratch memory of one factorisation.
+    pub fn scratch_entries(&self) -> usize {
+        self.cholesky.stack_entries()
     }
 
     /// Memory for the numbers.
     pub fn factor(&self, assembly: &Assembly) -> Result<Factor, FemError> {
         let electrodes = self.unknowns - self.nodes;
-        let memory = MemBuffer::try_new(self.scratch)
-            .map_err(|_| FemError::OutOfMemory { unknowns: self.unknowns })?;
         Ok(Factor {
             values: vec![0.0; assembly.entry_count()],
-            factor: vec![0.0; self.symbolic.len_val()],
-            memory,
-            scratch_bytes: self.scratch_bytes(),
+            numbers: self.cholesky.numbers()?,
             trailing: Mat::zeros(electrodes, electrodes),
-            gathered: Vec::new(),
         })
     }
 
     /// Factorises the matrix whose values stand in `factor.values`.
-    pub fn factorise(&self, assembly: &Assembly, factor: &mut Factor) -> Result<(), FemError> {
-        let unknowns = self.unknowns;
-        let pattern = SymbolicSparseColMatRef::<u32>::new_checked(
-            unknowns,
-            unknowns,
-            &assembly.column_starts,
-            None,
-            &assembly.rows,
-        );
-        let matrix = SparseColMatRef::new(pattern, factor.values.as_slice());
-        self.symbolic
-            .factorize_numeric_llt(
-                &mut factor.factor,
-                matrix,
-                Side::Lower,
-                Default::default(),
-                Par::Seq,
-                MemStack::new(&mut factor.memory),
-                Default::default(),
-            )
-            .map_err(|e| {
-                let LltError::NonPositivePivot { index } = e;
-                FemError::NotPositiveDefinite { unknown: index, unknowns }
-            })?;
-        self.extract_trailing(factor);
+    pub fn factorise(&self, factor: &mut Factor) -> Result<(), FemError> {
+        let Factor { values, numbers, trailing } = factor;
+        self.cholesky.factorise(values, numbers).map_err(|unknown| {
+            FemError::NotPositiveDefinite { unknown, unknowns: self.unknowns }
+        })?;
+        self.cholesky.trailing(numbers, |i, j, value| trailing[(i, j)] = value);
         Ok(())
-    }
-
-    fn llt<'a>(&'a self, values: &'a [f64]) -> Option<supernodal::SupernodalLltRef<'a, u32, f64>> {
-        match self.symbolic.raw() {
-            cholesky::SymbolicCholeskyRaw::Supernodal(s) => {
-                Some(supernodal::SupernodalLltRef::new(s, values))
-            }
-            // never built: the threshold above forces supernodes
-            cholesky::SymbolicCholeskyRaw::Simplicial(_) => None,
-        }
-    }
-
-    /// Copies the electrodes' block out of the factor.
-    fn extract_trailing(&self, factor: &mut Factor) {
-        let Some(llt) = self.llt(&factor.factor) else { return };
-        let trailing = &mut factor.trailing;
-        trailing.fill(0.0);
-        for s in (0..llt.symbolic().n_supernodes()).rev() {
-            let node = llt.supernode(s);
-            let (start, values) = (node.start(), node.val());
-            let columns = values.ncols();
-            if start + columns <= self.nodes {
-                break;
-            }
-            for j in self.nodes.saturating_sub(start)..columns {
-                let column = start + j - self.nodes;
-                for i in j..values.nrows() {
-                    let row = match i.checked_sub(columns) {
-                        None => start + i,
-                        Some(k) => node.pattern()[k] as usize,
-                    };
-                    trailing[(row - self.nodes, column)] = values[(i, j)];
-                }
-            }
-        }
     }
 
     /// Electrode potentials for electrode currents, in place: `[electrode but ground, pattern]`.
@@ -223,67 +130,11 @@ impl Solver {
     /// copies whole rows; on entry its electrode rows hold the currents, on exit all rows hold
     /// potentials. Cost: 2 flops per factor entry and pattern.
     pub fn solve_fields(&self, factor: &mut Factor, x: &mut [f64], patterns: usize) {
-        let (nodes, electrodes) = x.split_at_mut(self.nodes * patterns);
-        nodes.fill(0.0);
+        let electrodes = &mut x[self.nodes * patterns..];
         let count = self.unknowns - self.nodes;
         let rows = MatMut::from_row_major_slice_mut(electrodes, count, patterns);
         let lower = factor.trailing.as_ref();
         triangular_solve::solve_lower_triangular_in_place(lower, rows, Par::Seq);
-        let Some(llt) = self.llt(&factor.factor) else { return };
-        for s in (0..llt.symbolic().n_supernodes()).rev() {
-            let node = llt.supernode(s);
-            let columns = node.val().ncols();
-            let (top, below) = node.val().split_at_row(columns);
-            let gathered = &mut factor.gathered;
-            gathered.clear();
-            for &row in node.pattern() {
-                let at = row as usize * patterns;
-                gathered.extend_from_slice(&x[at..at + patterns]);
-            }
-            let at = node.start() * patterns;
-            let own = &mut x[at..at + columns * patterns];
-            backward_block(top, below, gathered, own, patterns);
-        }
+        self.cholesky.solve_back(&mut factor.numbers, x, patterns);
     }
-}
-
-/// `own = top^-T (own - below^T gathered)`, all row-major with `patterns` columns.
-fn backward_block(
-    top: MatRef<'_, f64>,
-    below: MatRef<'_, f64>,
-    gathered: &[f64],
-    own: &mut [f64],
-    patterns: usize,
-) {
-    let columns = top.ncols();
-    let mut own = MatMut::from_row_major_slice_mut(own, columns, patterns);
-    let gathered = MatRef::from_row_major_slice(gathered, below.nrows(), patterns);
-    faer::linalg::matmul::matmul(
-        own.rb_mut(),
-        Accum::Add,
-        below.transpose(),
-        gathered,
-        -1.0,
-        Par::Seq,
-    );
-    triangular_solve::solve_upper_triangular_in_place(top.transpose(), own, Par::Seq);
-}
-
-/// Both triangles of the pattern: the symbolic analysis reads the upper one.
-fn full_pattern(assembly: &Assembly) -> Adjacency {
-    let unknowns = assembly.column_starts.len() - 1;
-    let mut links = Vec::with_capacity(2 * assembly.rows.len());
-    for column in 0..unknowns {
-        let range = assembly.column_starts[column]..assembly.column_starts[column + 1];
-        for &row in &assembly.rows[range.start as usize..range.end as usize] {
-            links.push((column as u32, row));
-            links.push((row, column as u32));
-        }
-    }
-    links.sort_unstable();
-    links.dedup();
-    let mut starts = vec![0u32; unknowns + 1];
-    links.iter().for_each(|l| starts[l.0 as usize + 1] += 1);
-    (0..unknowns).for_each(|k| starts[k + 1] += starts[k]);
-    Adjacency { starts, neighbours: links.into_iter().map(|l| l.1).collect() }
 }

@@ -46,11 +46,11 @@ pub struct Workspace {
 
 impl fmt::Debug for Workspace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (matrix_entries, factor_entries, scratch_bytes) = self.factor.sizes();
+        let (matrix_entries, factor_entries, scratch_entries) = self.factor.sizes();
         f.debug_struct("Workspace")
             .field("matrix_entries", &matrix_entries)
             .field("factor_entries", &factor_entries)
-            .field("scratch_bytes", &scratch_bytes)
+            .field("scratch_entries", &scratch_entries)
             .finish_non_exhaustive()
     }
 }
@@ -77,7 +77,7 @@ impl Workspace {
         let checks = [
             ("workspace of another model: its matrix", values, model.assembly.entry_count()),
             ("workspace of another model: its factor", factor, model.solver.factor_entries()),
-            ("workspace of another model: its scratch", scratch, model.solver.scratch_bytes()),
+            ("workspace of another model: its scratch", scratch, model.solver.scratch_entries()),
             ("workspace of another model: its electrodes", self.transfer.nrows() + 1, electrodes),
             (
                 "workspace of another model: its electrode potentials",

@@ -41,6 +41,10 @@ pub(crate) fn nearest(
             return found("stiff-contact", "contact impedances far apart");
         }
     }
+    // nets are trained on the fabric; the noise of a fabric does not tell how its electrodes move
+    if scene.denoise.is_some() {
+        return found("paper-fabric", "it has [denoise]");
+    }
     let keys = &scene.reconstruction;
     if keys.upper_s.is_some_and(|upper| upper >= HIGH * scene.skin.conductivity_s) {
         return found("high-contrast", "upper_s allows a multiple of the conductivity");
@@ -55,7 +59,6 @@ pub(crate) fn nearest(
     match scene.noise.additive_v.map(|noise| 20.0 * (rms / noise).log10()) {
         Some(db) if db < POOR_DB => found("paper-disc-40", &format!("noise at {db:.0} dB")),
         Some(db) => found("paper-disc-60", &format!("noise at {db:.0} dB")),
-        None if scene.denoise.is_some() => found("paper-fabric", "it has [denoise]"),
         None => found("paper-disc-60", "its noise is not stated in volt"),
     }
 }

@@ -22,9 +22,9 @@ const SWEEP_FLOPS_PER_S: f64 = 6e9;
 const PRIOR_ENTRY_S: f64 = 2.5e-8;
 const PRODUCT_FLOPS_PER_S: f64 = 3.3e10;
 const DECOMPOSITION_FLOPS_PER_S: f64 = 1.5e10;
-const STORE_BYTES_PER_S: f64 = 8e9;
-/// Beyond the caches, where pages are new.
-const NEW_BYTES_PER_S: f64 = 3e9;
+const STORE_BYTES_PER_S: f64 = 3e9;
+/// Beyond the caches, where every page is new: between 1.3 and 3.
+const NEW_BYTES_PER_S: f64 = 2e9;
 const CACHED_BYTES: f64 = 1.6e7;
 /// Directions of the data that a smooth prior or rounding leave in practice, however many
 /// electrodes: 261 of 32 with trigonometric currents.

@@ -185,7 +185,8 @@ fn one(
     let frames = shown.truth.nrows();
     let (rows, missing) = merged::rows((case, frames), &courses, &floors.machine);
     failures.extend(missing.into_iter().map(|name| (name, "one", "the other failed".to_owned())));
-    let promises = progress.stage("the plan", || promise::of(judge, &others, floors))?;
+    let judged = (judge, case.is_fabric);
+    let promises = progress.stage("the plan", || promise::of(judged, &others, floors))?;
     let touched = match case.is_fabric {
         true => "of one finger and of two".to_owned(),
         false => format!("of {} fingers, soft or hard, noise {} dB", case::FINGERS, case.noise_db),

@@ -11,7 +11,7 @@ use crate::error::CliError;
 use crate::method::{self, Method};
 use crate::pipeline::{self, tv};
 use crate::progress::Progress;
-use crate::scene::{Rule, Scene};
+use crate::scene::{DenoiseKeys, Rule, Scene};
 use eit_inverse::Differences;
 use ndarray::Array2;
 use std::time::Instant;
@@ -32,14 +32,20 @@ pub(super) struct Promise {
 
 /// Runs the scene as its user would, with its own method and with one-step images, on recordings
 /// that the table of the plan has not seen, and compares.
+///
+/// The scene of a fabric has `[denoise]`, as that of `eit demo`: its noise alone is not telling.
 pub(super) fn of(
-    bench: &Bench,
+    (bench, is_fabric): (&Bench, bool),
     recordings: &[Recording],
     floors: &Floors,
 ) -> Result<Vec<Promise>, CliError> {
     let Some(first) = recordings.first() else { return Ok(Vec::new()) };
     let mut scene = bench.scene.clone();
     scene.noise.additive_v = Some(first.simulated.noise_std_v);
+    if is_fabric {
+        let weights = "default".to_owned();
+        scene.denoise = Some(DenoiseKeys { weights, any_skin: false });
+    }
     let own = method::choose(&scene, None, Some(first.truth.nrows()))?.method;
     let methods = [own, Method::GaussNewton];
     methods.into_iter().map(|method| one(&scene, bench, (method, recordings), floors)).collect()
