@@ -78,6 +78,9 @@ fn block<const W: usize>(
 #[inline(always)]
 pub(super) fn subtract(panel: &[f64], padded: usize, stride: usize, rest: &mut [f64]) {
     let side = stride - padded;
+    if side == 0 {
+        return;
+    }
     for (column, own) in rest.chunks_exact_mut(LANES * side).enumerate() {
         let column = column * LANES;
         let mut row = column;
