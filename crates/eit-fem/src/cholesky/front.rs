@@ -108,8 +108,8 @@ fn updated<const W: usize, const R: usize>(
     mut sums: [[f64; R]; W],
 ) -> [[f64; R]; W] {
     for column in done.chunks_exact(stride) {
-        let rows: &[f64] = &column[row..row + R];
-        let factors: &[f64] = &column[factor..factor + W];
+        let rows: [f64; R] = load(&column[row..]);
+        let factors: [f64; W] = load(&column[factor..]);
         for c in 0..W {
             for r in 0..R {
                 sums[c][r] = (-factors[c]).mul_add(rows[r], sums[c][r]);
@@ -138,10 +138,14 @@ fn divide<const W: usize, const R: usize>(
 
 #[inline(always)]
 fn tile<const W: usize, const R: usize>(from: &[f64], stride: usize, row: usize) -> [[f64; R]; W] {
-    std::array::from_fn(|c| {
-        let own = &from[c * stride + row..][..R];
-        std::array::from_fn(|r| own[r])
-    })
+    std::array::from_fn(|c| load(&from[c * stride + row..]))
+}
+
+#[inline(always)]
+fn load<const R: usize>(from: &[f64]) -> [f64; R] {
+    let mut values = [0.0; R];
+    values.copy_from_slice(&from[..R]);
+    values
 }
 
 #[inline(always)]
@@ -226,29 +230,29 @@ fn sweep_tile<const W: usize, const R: usize>(
     lanes: usize,
     lane: usize,
 ) {
-    let columns: [&[f64]; W] = std::array::from_fn(|c| &own[c * stride..][..stride]);
     let (head, tail) = x.split_at_mut((at + LANES) * lanes);
-    let mut sums: [[f64; R]; W] = std::array::from_fn(|c| {
-        let own = &head[(at + c) * lanes + lane..][..R];
-        std::array::from_fn(|r| own[r])
-    });
-    for (row, known) in (at + LANES..stride).zip(tail.chunks_exact(lanes)) {
-        let known = &known[lane..lane + R];
+    let mut sums: [[f64; R]; W] = std::array::from_fn(|c| load(&head[(at + c) * lanes + lane..]));
+    let columns: [&[f64]; W] =
+        std::array::from_fn(|c| &own[c * stride + at + LANES..(c + 1) * stride]);
+    for (row, known) in tail.chunks_exact(lanes).take(stride - at - LANES).enumerate() {
+        // everything is loaded first: nothing between the sums can fail
+        let known: [f64; R] = load(&known[lane..]);
+        let factors: [f64; W] = std::array::from_fn(|c| columns[c][row]);
         for c in 0..W {
-            let factor = -columns[c][row];
             for r in 0..R {
-                sums[c][r] = factor.mul_add(known[r], sums[c][r]);
+                sums[c][r] = (-factors[c]).mul_add(known[r], sums[c][r]);
             }
         }
     }
+    let corner: [[f64; W]; W] =
+        std::array::from_fn(|c| std::array::from_fn(|k| own[c * stride + at + k]));
     for c in (0..W).rev() {
         for k in c + 1..W {
-            let factor = -columns[c][at + k];
             for r in 0..R {
-                sums[c][r] = factor.mul_add(sums[k][r], sums[c][r]);
+                sums[c][r] = (-corner[c][k]).mul_add(sums[k][r], sums[c][r]);
             }
         }
-        let inverse = 1.0 / columns[c][at + c];
+        let inverse = 1.0 / corner[c][c];
         sums[c].iter_mut().for_each(|s| *s *= inverse);
     }
     for (c, sums) in sums.iter().enumerate() {
