@@ -17,7 +17,7 @@ const LOSSES: [(&str, f64); 14] = [
     ("contrast1e4", 2e-10),
     ("contrast1e8", 1e-6),
     ("checker1e6", 1e-8),
-    ("sliver", 1e-10),
+    ("sliver", 1e-9),
     ("z1e-6", 2e-9),
     ("z1e-9", 2e-6),
     ("z1e6", 2e-6),
