@@ -1,10 +1,16 @@
 //! What leaving out saves: for every meaningful choice of crates and features the crates that are
-//! compiled, the time of a clean build, and the size of a small program. Writes the table of
+//! compiled, the time that takes, and the size of a small program. Writes the table of
 //! `docs/PERFORMANCE.md`.
 //!
 //! Usage: `lean [--burn] [--dry-run] [--only TEXT]`. `--burn` includes burn, which takes minutes;
 //! `--only` keeps the rows that hold the text (and, like `--dry-run`, prints them). On Linux: CPU time
 //! comes from `/proc`.
+//!
+//! All rows build into one folder that was empty. `cargo` is told to call this program in the place of
+//! `rustc`: it runs `rustc` and notes the CPU time of each unit (a crate with its features) under the
+//! hash in its file names. A row's time is the sum over the units that `cargo` names for it, whichever
+//! row compiled them: what a build from nothing takes, without building everything from nothing for
+//! every row.
 //!
 //! Each row is a program outside of this workspace that depends on our crates by path, as a robot's
 //! would, and whose source is one of the examples: no dev-dependency and no feature of another crate
@@ -13,12 +19,15 @@
 
 use benches::{Result, document};
 use std::collections::BTreeSet;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::time::Instant;
+use std::process::{Command, ExitCode, Stdio};
 
-/// Jobs of a build: those of the machine that the table comes from.
+/// Jobs of a build.
 const JOBS: &str = "2";
+
+/// Set where this program stands in the place of `rustc`: the folder of the times.
+const TIMES: &str = "EIT_LEAN_TIMES";
 
 /// One row.
 struct Choice {
@@ -100,7 +109,32 @@ const CHOICES: [Choice; 16] = [
     Choice { crates: &[("eit-cli", &[])], example: "", others: &[] },
 ];
 
-fn main() -> Result<()> {
+fn main() -> Result<ExitCode> {
+    if let Some(times) = std::env::var_os(TIMES) {
+        return compile(Path::new(&times));
+    }
+    table()?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `rustc` with its time noted.
+fn compile(times: &Path) -> Result<ExitCode> {
+    let arguments: Vec<OsString> = std::env::args_os().skip(1).collect();
+    let (rustc, arguments) = arguments.split_first().ok_or("no compiler named")?;
+    let status = Command::new(rustc).args(arguments).env_remove(TIMES).status()?;
+    // `--crate-name NAME` and `-C extra-filename=-HASH`; questions about the compiler have no hash
+    let words = || arguments.iter().filter_map(|a| a.to_str());
+    let name = words().skip_while(|word| *word != "--crate-name").nth(1);
+    let hash = words().find_map(|word| word.strip_prefix("extra-filename=-"));
+    if let (Some(name), Some(hash)) = (name, hash) {
+        for place in [name, hash] {
+            std::fs::write(times.join(place), children_cpu_s()?.to_string())?;
+        }
+    }
+    Ok(if status.success() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn table() -> Result<()> {
     let (mut burn, mut dry_run, mut only) = (false, false, None);
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
@@ -111,25 +145,25 @@ fn main() -> Result<()> {
             other => return Err(format!("'{other}': --burn, --dry-run or --only").into()),
         }
     }
-    let load = document::load().map_or_else(|| "unknown".to_owned(), |load| format!("{load:.1}"));
+    let folder = Folder::new()?;
     let mut rows = Vec::new();
     for choice in &CHOICES {
         let name = choice.name();
         let is_wanted = only.as_ref().is_none_or(|only| name.contains(only.as_str()));
         if is_wanted && (burn || !name.contains("burn")) {
-            let row = choice.measure()?.row(choice);
+            let row = choice.measure(&folder.0)?.row(choice);
             eprintln!("{row}");
             rows.push(row);
         }
     }
     let head = format!(
-        "{}. `cargo build --release` of a program outside of the workspace, everything fetched, \
-         nothing compiled before, {JOBS} jobs; CPU time counts all of them. Other programs ran beside: \
-         load average before {load}, so that only the CPU time is a measure.",
+        "{}. `cargo build --release` of a program outside of the workspace from nothing: the CPU time \
+         of all `rustc`, {JOBS} at a time, the program's own included, build scripts' runs not. Where \
+         cores are the halves of one, or shared, it is up to twice that of a core alone.",
         document::machine()
     );
-    let columns = "| crates (features) | program | crates compiled | CPU, s | elapsed, s | size, kB | \
-                   without symbols, kB |\n|---|---|---|---|---|---|---|";
+    let columns = "| crates (features) | program | crates compiled | CPU, s | size, kB | without \
+                   symbols, kB |\n|---|---|---|---|---|---|";
     let body = format!("{head}\n\n{columns}\n{}", rows.join("\n"));
     if dry_run || only.is_some() {
         println!("{body}");
@@ -142,7 +176,6 @@ fn main() -> Result<()> {
 struct Cost {
     crates: usize,
     cpu_s: f64,
-    elapsed_s: f64,
     bytes: u64,
     stripped_bytes: u64,
 }
@@ -151,12 +184,11 @@ impl Cost {
     fn row(&self, choice: &Choice) -> String {
         let [kb, stripped_kb] = [self.bytes, self.stripped_bytes].map(|bytes| bytes.div_ceil(1000));
         format!(
-            "| {} | {} | {} | {:.0} | {:.0} | {kb} | {stripped_kb} |",
+            "| {} | {} | {} | {:.0} | {kb} | {stripped_kb} |",
             choice.name(),
             choice.program(),
             self.crates,
-            self.cpu_s,
-            self.elapsed_s
+            self.cpu_s
         )
     }
 }
@@ -187,37 +219,37 @@ impl Choice {
         format!("`{}`", name.unwrap_or_default())
     }
 
-    fn measure(&self) -> Result<Cost> {
+    fn measure(&self, folder: &Path) -> Result<Cost> {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize()?;
-        let folder = Folder::new()?;
         let (home, chosen) = match self.example {
             "" => (root, &["-p", "eit-cli"][..]),
-            _ => (self.outside(&root, &folder.0)?, &[][..]),
+            _ => (self.outside(&root, folder)?, &[][..]),
         };
+        let (times, this) = (folder.join("times"), std::env::current_exe()?);
+        std::fs::create_dir_all(&times)?;
         let cargo = |command: &[&str]| {
             let mut cargo = Command::new(env!("CARGO"));
             cargo.current_dir(&home).args(command).arg("--offline").args(chosen);
-            // caches and wrappers of whoever runs this are none of a clean build
-            cargo.env_remove("RUSTC_WRAPPER").env("CARGO_INCREMENTAL", "0");
-            cargo.env("CARGO_TARGET_DIR", folder.0.join("target")).stderr(Stdio::inherit());
+            cargo.env("RUSTC_WRAPPER", &this).env(TIMES, &times).env("CARGO_INCREMENTAL", "0");
+            cargo.env("CARGO_TARGET_DIR", folder.join("target")).stderr(Stdio::inherit());
             cargo
         };
         let listed = ["tree", "--edges", "normal,build", "--prefix", "none", "--no-dedupe"];
         let tree = output(cargo(&listed))?;
         let names: BTreeSet<String> =
             tree.lines().map(|l| l.split_whitespace().take(2).collect()).collect();
-        let (start, cpu_s) = (Instant::now(), children_cpu_s()?);
-        output(cargo(&["build", "--release", "--quiet", "--jobs", JOBS]))?;
-        let (elapsed_s, cpu_s) = (start.elapsed().as_secs_f64(), children_cpu_s()? - cpu_s);
+        let build = ["build", "--release", "--quiet", "--jobs", JOBS, "--message-format", "json"];
+        let cpu_s = compiled_s(&output(cargo(&build))?, &times)?;
         let name = if self.example.is_empty() { "eit" } else { "program" };
-        let program = folder.0.join("target/release").join(name);
+        let program = folder.join("target/release").join(name);
         let bytes = std::fs::metadata(&program)?.len();
+        // the same crate with another option: its time is noted under another name
         let mut strip = cargo(&["rustc", "--release", "--quiet", "--jobs", JOBS, "--bin", name]);
         strip.args(["--", "-C", "strip=symbols"]);
         output(strip)?;
         let stripped_bytes = std::fs::metadata(&program)?.len();
         // the program itself is none of the crates it needs
-        Ok(Cost { crates: names.len() - 1, cpu_s, elapsed_s, bytes, stripped_bytes })
+        Ok(Cost { crates: names.len() - 1, cpu_s, bytes, stripped_bytes })
     }
 
     /// A program that depends on our crates by path.
@@ -247,6 +279,33 @@ impl Choice {
         }
         Ok(home)
     }
+}
+
+/// The noted times of all units that `cargo` names in its messages, seconds.
+fn compiled_s(messages: &str, times: &Path) -> Result<f64> {
+    let mut units = BTreeSet::new();
+    for message in messages.lines() {
+        let message: serde_json::Value = serde_json::from_str(message)?;
+        let files = message["filenames"].as_array().into_iter().flatten();
+        units.extend(files.filter_map(|file| unit(Path::new(file.as_str()?))));
+    }
+    let mut sum_s = 0.0;
+    for unit in &units {
+        let text = std::fs::read_to_string(times.join(unit));
+        sum_s += text.map_err(|error| format!("no time of {unit}: {error}"))?.parse::<f64>()?;
+    }
+    Ok(sum_s)
+}
+
+/// The hash in `libname-HASH.rlib`, or in `name-HASH/build-script-build`; the name of a program.
+fn unit(file: &Path) -> Option<String> {
+    let of = |name: &OsStr| {
+        let (_, hash) = name.to_str()?.rsplit_once('-')?;
+        let is_hash = hash.len() == 16 && hash.bytes().all(|b| b.is_ascii_hexdigit());
+        is_hash.then(|| hash.to_owned())
+    };
+    let hash = of(file.file_stem()?).or_else(|| of(file.parent()?.file_name()?));
+    hash.or_else(|| Some(file.file_name()?.to_str()?.to_owned()))
 }
 
 /// A folder of one build, gone with it.
