@@ -3,6 +3,7 @@
 mod accurate;
 pub mod analytic;
 mod assembly;
+mod derivatives;
 mod electrode_model;
 mod element;
 mod error;
@@ -17,6 +18,7 @@ mod solution;
 mod solver;
 mod workspace;
 
+pub use derivatives::{Displacement, ElectrodeMotion};
 pub use error::FemError;
 pub use forward::{ForwardModel, ModelCost};
 pub use geometry::Geometry;
