@@ -88,7 +88,7 @@ impl Contact {
 }
 
 /// Length of an edge, metres, or area of a triangle, square metres.
-fn measure(nodes: &[u32], positions: &[[f64; 3]]) -> f64 {
+pub(crate) fn measure(nodes: &[u32], positions: &[[f64; 3]]) -> f64 {
     let place = |n: &u32| positions[*n as usize];
     match nodes {
         [a, b] => {

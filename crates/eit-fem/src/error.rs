@@ -187,6 +187,33 @@ pub enum FemError {
         /// The potential, volt.
         value_v: f64,
     },
+    /// A displacement names a node that does not exist.
+    #[error("a displacement names node {node}, but the mesh has {nodes} nodes (from 0)")]
+    NoSuchNode {
+        /// Node index.
+        node: usize,
+        /// Nodes there are.
+        nodes: usize,
+    },
+    /// A contact at a limit, where voltages have no derivative with respect to its impedance.
+    #[error(
+        "the contact impedance of electrode {electrode} is {value}: voltages have a derivative with \
+         respect to it only above zero and below infinity"
+    )]
+    ContactLimit {
+        /// 1-based number.
+        electrode: usize,
+        /// Its value, ohm metre (rim) or ohm square metre (patch).
+        value: f64,
+    },
+    /// An electrode that cannot move along the rim.
+    #[error("electrode {electrode} cannot move along the rim: {why}")]
+    Immovable {
+        /// 1-based number.
+        electrode: usize,
+        /// The reason.
+        why: &'static str,
+    },
     /// A node position is not a number.
     #[error("node {node} is moved to {position_m:?} m: positions must be finite")]
     NonFinitePosition {

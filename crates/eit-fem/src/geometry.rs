@@ -119,11 +119,31 @@ impl ForwardModel {
             *element = Element::new(corners);
             *stiffness = element.stiffness();
         }
+        self.fill_contacts(contact_impedance, geometry);
+        Ok(())
+    }
+
+    /// Changes contacts alone: nodes stay where `geometry` has them. Allocates nothing.
+    ///
+    /// # Errors
+    /// Wrong counts, a geometry of another model, impedances that are negative or NaN.
+    pub fn change_contacts(
+        &self,
+        contact_impedance: &[f64],
+        geometry: &mut Geometry,
+    ) -> Result<(), FemError> {
+        geometry.check(self)?;
+        check_impedances(self.protocol().electrodes(), contact_impedance)?;
+        self.fill_contacts(contact_impedance, geometry);
+        Ok(())
+    }
+
+    /// The electrode part of a geometry, from its own positions.
+    fn fill_contacts(&self, contact_impedance: &[f64], geometry: &mut Geometry) {
         geometry.impedance.clear();
         geometry.impedance.extend_from_slice(contact_impedance);
         let Geometry { positions, constant, .. } = geometry;
         self.assembly.fill_contacts(&self.contacts, positions, contact_impedance, constant);
-        Ok(())
     }
 
     /// [`ForwardModel::solve`] on a geometry of [`ForwardModel::deform`].

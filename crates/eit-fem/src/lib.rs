@@ -4,6 +4,7 @@ mod accurate;
 pub mod analytic;
 mod assembly;
 mod cholesky;
+mod derivatives;
 mod electrode_model;
 mod element;
 mod error;
@@ -18,6 +19,7 @@ mod solution;
 mod solver;
 mod workspace;
 
+pub use derivatives::{Displacement, ElectrodeMotion};
 pub use error::FemError;
 pub use forward::{ForwardModel, ModelCost};
 pub use geometry::Geometry;

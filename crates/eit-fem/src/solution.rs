@@ -8,6 +8,7 @@
 //! [`Solution::measurements_into`] and [`Solution::jacobian_into`] allocate nothing of their own.
 
 use crate::accurate::{self, Accurate};
+use crate::derivatives::Solved;
 use crate::forward::ForwardModel;
 use crate::geometry::Geometry;
 use crate::{FemError, Workspace, jacobian};
@@ -81,6 +82,7 @@ impl<'a> Solution<'a> {
     ) -> Result<Self, FemError> {
         let start = Instant::now();
         workspace.check(model)?;
+        workspace.conductivity_s.copy_from_slice(conductivity_s);
         let plain = !geometry.has_limits()
             && match required_accuracy {
                 None => plain(model, geometry, conductivity_s, workspace).map(|()| true)?,
@@ -240,6 +242,19 @@ impl<'a> Solution<'a> {
         let low = self.accurate.as_ref().map(|a| a.low.as_slice());
         let potentials = jacobian::Potentials { values: potentials, low };
         jacobian::fill(self.model, self.geometry, potentials, block, jacobian);
+    }
+
+    /// Fields and state that derivatives are summed from; solves the fields if nothing has.
+    pub(crate) fn solved(&mut self) -> Solved<'_> {
+        self.solve_fields();
+        let low = self.accurate.as_ref().map(|a| a.low.as_slice());
+        let Workspace { potentials, conductivity_s, .. } = &*self.workspace;
+        Solved {
+            model: self.model,
+            geometry: self.geometry,
+            potentials: jacobian::Potentials { values: potentials, low },
+            conductivity_s,
+        }
     }
 
     /// How the solve went. The first call solves the fields, if nothing has needed them yet, and

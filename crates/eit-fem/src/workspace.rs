@@ -42,6 +42,8 @@ pub struct Workspace {
     /// Potentials [unknown, basis pattern], row-major.
     pub(crate) potentials: Vec<f64>,
     pub(crate) block: jacobian::Block,
+    /// Conductivity of each element of the latest solve, siemens.
+    pub(crate) conductivity_s: Vec<f64>,
 }
 
 impl fmt::Debug for Workspace {
@@ -66,6 +68,7 @@ impl Workspace {
             electrode_potentials: vec![0.0; stimulations * electrodes],
             potentials: vec![0.0; model.unknowns() * model.fields.basis.nrows()],
             block: jacobian::Block::new(model),
+            conductivity_s: vec![0.0; model.elements()],
         })
     }
 
@@ -88,6 +91,11 @@ impl Workspace {
                 "workspace of another model: its fields",
                 self.potentials.len(),
                 model.unknowns() * model.fields.basis.nrows(),
+            ),
+            (
+                "workspace of another model: its elements",
+                self.conductivity_s.len(),
+                model.elements(),
             ),
             (
                 "workspace of another model: its gradients",

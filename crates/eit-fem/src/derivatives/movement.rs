@@ -1,0 +1,250 @@
+//! Derivative along displacements of the nodes.
+//!
+//! With the gradient `D` of the displacement in a triangle's own plane, nodal values held,
+//! `grad u` changes by `-D' grad u` and the area by `area trace D`, so that
+//!
+//! ```text
+//! d(area grad f . grad g) = area grad f . (trace S - 2 S) grad g,     S = (D + D') / 2
+//! ```
+//!
+//! whose matrix has trace zero: two numbers a triangle. The gradients are those of the Jacobian, in
+//! the frame of the first edge ([`crate::element`]). An electrode part of measure `m` holds
+//! `m/z mean (U - u)(U* - u*)`, with `U - u = z I / measure + (mu - u)` as in [`super::contact`].
+
+use super::contact::{ContactFields, Under, mean_product};
+use super::vector::{Vector, cross, dot, norm, scaled, sub};
+use super::{Displacement, Solved, combine};
+use ndarray::ArrayViewMut2;
+
+/// Elements per block: 16 fields x 2 components x 64 x 8 bytes = 16 KiB of gradients.
+const BLOCK: usize = 64;
+
+/// What one displacement does to one triangle: conductivity times `S22 - S11` and `-2 S12`.
+struct Strain {
+    element: u32,
+    displacement: u32,
+    along: f64,
+    across: f64,
+}
+
+/// Change of the measure of one part of an electrode.
+struct Stretch {
+    electrode: u32,
+    part: u32,
+    displacement: u32,
+    change: f64,
+}
+
+/// Fills [measurement, displacement]; displacements have been checked.
+pub(super) fn fill(
+    solved: &Solved<'_>,
+    displacements: &[Displacement],
+    mut jacobian: ArrayViewMut2<'_, f64>,
+) {
+    let products = &solved.model.fields.products;
+    let (mut strains, mut stretches) = (Vec::new(), Vec::new());
+    let mut moves = Moves::new(solved);
+    for (index, displacement) in (0u32..).zip(displacements) {
+        moves.set(solved, displacement);
+        moves.strains(solved, index, &mut strains);
+        moves.stretches(solved, index, &mut stretches);
+        moves.clear(solved, displacement);
+    }
+    let count = displacements.len();
+    // derivative of the energy [product, displacement]
+    let mut sums = vec![0.0; products.len() * count];
+    add_elements(solved, &mut strains, count, &mut sums);
+    add_contacts(solved, &mut stretches, count, &mut sums);
+    for (index, product) in products.iter().enumerate() {
+        let sums = &sums[index * count..][..count];
+        for &(datum, factor) in &product.data {
+            let row = jacobian.row_mut(datum as usize);
+            row.into_iter().zip(sums).for_each(|(entry, sum)| *entry = -factor * sum);
+        }
+    }
+}
+
+/// The vector of each unknown that is a node, and whether it moves.
+struct Moves {
+    vectors: Vec<Vector>,
+    moved: Vec<bool>,
+}
+
+impl Moves {
+    fn new(solved: &Solved<'_>) -> Self {
+        let nodes = solved.geometry.positions.len();
+        Self { vectors: vec![[0.0; 3]; nodes], moved: vec![false; nodes] }
+    }
+
+    fn set(&mut self, solved: &Solved<'_>, displacement: &Displacement) {
+        for &(node, vector) in displacement.nodes() {
+            let unknown = solved.model.unknown_of_node[node as usize] as usize;
+            self.vectors[unknown].iter_mut().zip(vector).for_each(|(sum, v)| *sum += v);
+            self.moved[unknown] = true;
+        }
+    }
+
+    fn clear(&mut self, solved: &Solved<'_>, displacement: &Displacement) {
+        for &(node, _) in displacement.nodes() {
+            let unknown = solved.model.unknown_of_node[node as usize] as usize;
+            self.vectors[unknown] = [0.0; 3];
+            self.moved[unknown] = false;
+        }
+    }
+
+    fn any(&self, nodes: &[u32]) -> bool {
+        nodes.iter().any(|&n| self.moved[n as usize])
+    }
+
+    fn strains(&self, solved: &Solved<'_>, displacement: u32, strains: &mut Vec<Strain>) {
+        let triangles = solved.model.triangles.iter().zip(solved.conductivity_s);
+        for (element, (triangle, sigma)) in (0u32..).zip(triangles) {
+            if !self.any(triangle) {
+                continue;
+            }
+            let corners = triangle.map(|n| solved.geometry.positions[n as usize]);
+            let vectors = triangle.map(|n| self.vectors[n as usize]);
+            let [along, across] = strain(corners, vectors).map(|s| sigma * s);
+            strains.push(Strain { element, displacement, along, across });
+        }
+    }
+
+    fn stretches(&self, solved: &Solved<'_>, displacement: u32, stretches: &mut Vec<Stretch>) {
+        for (electrode, contact) in (0u32..).zip(&solved.model.contacts) {
+            for (part, nodes) in (0u32..).zip(contact.parts()) {
+                if self.any(nodes) {
+                    let change = self.stretch(solved, nodes);
+                    stretches.push(Stretch { electrode, part, displacement, change });
+                }
+            }
+        }
+    }
+
+    /// Change of the length of an edge or the area of a triangle.
+    fn stretch(&self, solved: &Solved<'_>, nodes: &[u32]) -> f64 {
+        let place = |n: u32| solved.geometry.positions[n as usize];
+        let vector = |n: u32| self.vectors[n as usize];
+        let edge = |a: u32, b: u32| (sub(place(b), place(a)), sub(vector(b), vector(a)));
+        match *nodes {
+            [a, b] => {
+                let (e, w) = edge(a, b);
+                dot(e, w) / norm(e)
+            }
+            [a, b, c] => {
+                let ((e1, w1), (e2, w2)) = (edge(a, b), edge(a, c));
+                let normal = cross(e1, e2);
+                0.5 * (dot(normal, cross(w1, e2)) + dot(normal, cross(e1, w2))) / norm(normal)
+            }
+            // parts are edges or triangles
+            _ => 0.0,
+        }
+    }
+}
+
+/// `S22 - S11` and `-2 S12` of a triangle whose corners move, in the frame of its first edge.
+fn strain(corners: [Vector; 3], vectors: [Vector; 3]) -> [f64; 2] {
+    let (e1, e2) = (sub(corners[1], corners[0]), sub(corners[2], corners[0]));
+    let (w1, w2) = (sub(vectors[1], vectors[0]), sub(vectors[2], vectors[0]));
+    let normal = cross(e1, e2);
+    let (l, double_area) = (norm(e1), norm(normal));
+    let first = scaled(1.0 / l, e1);
+    let second = scaled(1.0 / double_area, cross(normal, first));
+    let (c, h) = (dot(e2, first), double_area / l);
+    // derivatives of the displacement along the two axes
+    let d1 = scaled(1.0 / l, w1);
+    let d2: Vector = std::array::from_fn(|k| (w2[k] - c * d1[k]) / h);
+    [dot(second, d2) - dot(first, d1), -(dot(first, d2) + dot(second, d1))]
+}
+
+/// Adds what triangles contribute, block by block of those that are strained.
+fn add_elements(solved: &Solved<'_>, strains: &mut [Strain], count: usize, sums: &mut [f64]) {
+    strains.sort_by_key(|s| s.element);
+    let fields = &solved.model.fields;
+    let mut gradients = vec![0.0; fields.slot_count() * 2 * BLOCK];
+    let (mut difference, mut mixed) = ([0.0; BLOCK], [0.0; BLOCK]);
+    let mut elements: Vec<u32> = Vec::with_capacity(BLOCK);
+    let mut rest = &*strains;
+    while !rest.is_empty() {
+        elements.clear();
+        let mut length = 0;
+        for strain in rest {
+            if elements.last() != Some(&strain.element) {
+                if elements.len() == BLOCK {
+                    break;
+                }
+                elements.push(strain.element);
+            }
+            length += 1;
+        }
+        let (block, after) = rest.split_at(length);
+        rest = after;
+        gather(solved, &elements, &mut gradients);
+        for (product, sums) in fields.products.iter().zip(sums.chunks_exact_mut(count)) {
+            let [f, g] = product.fields.map(|field| {
+                let slot = fields.slots[field as usize] as usize;
+                gradients[slot * 2 * BLOCK..][..2 * BLOCK].split_at(BLOCK)
+            });
+            for i in 0..elements.len() {
+                difference[i] = f.0[i] * g.0[i] - f.1[i] * g.1[i];
+                mixed[i] = f.0[i] * g.1[i] + f.1[i] * g.0[i];
+            }
+            let mut i = 0;
+            for strain in block {
+                i += usize::from(elements[i] != strain.element);
+                sums[strain.displacement as usize] +=
+                    strain.along * difference[i] + strain.across * mixed[i];
+            }
+        }
+    }
+}
+
+/// Scaled gradients [slot, component, element] of some elements.
+fn gather(solved: &Solved<'_>, elements: &[u32], gradients: &mut [f64]) {
+    let fields = &solved.model.fields;
+    let solves = fields.basis.nrows();
+    for (i, &e) in elements.iter().enumerate() {
+        let element = solved.geometry.elements[e as usize];
+        let rows = |values: &[f64], r: usize| {
+            solved.model.triangles[e as usize].map(|n| values[n as usize * solves + r])
+        };
+        for (r, out) in gradients.chunks_exact_mut(2 * BLOCK).take(solves).enumerate() {
+            let [mut x, mut y] = element.gradient(rows(solved.potentials.values, r));
+            if let Some(low) = solved.potentials.low {
+                let [dx, dy] = element.gradient(rows(low, r));
+                (x, y) = (x + dx, y + dy);
+            }
+            (out[i], out[BLOCK + i]) = (x, y);
+        }
+    }
+    combine(fields, gradients, 2 * BLOCK);
+}
+
+/// Adds what stretched parts of electrodes contribute.
+fn add_contacts(solved: &Solved<'_>, stretches: &mut [Stretch], count: usize, sums: &mut [f64]) {
+    stretches.sort_by_key(|s| s.electrode);
+    for stretches in stretches.chunk_by(|a, b| a.electrode == b.electrode) {
+        let electrode = stretches[0].electrode as usize;
+        let under = ContactFields::new(solved, electrode);
+        let z = solved.geometry.impedance[electrode];
+        let products = &solved.model.fields.products;
+        for (product, sums) in products.iter().zip(sums.chunks_exact_mut(count)) {
+            let [f, g] = product.fields.map(|field| under.field(solved, field));
+            for stretch in stretches {
+                let density = density(f, g, stretch.part as usize, z, under.measure);
+                sums[stretch.displacement as usize] += stretch.change * density;
+            }
+        }
+    }
+}
+
+/// Mean of `(U - u)(U* - u*) / z` over a part. Without impedance it is zero; where current enters
+/// evenly, measurements under which both fields carry some have no finite voltage.
+fn density(f: Under<'_>, g: Under<'_>, part: usize, z: f64, measure: f64) -> f64 {
+    let mean = |u: &[f64]| u.iter().sum::<f64>() / u.len() as f64;
+    let (df, dg) = (f.part(part), g.part(part));
+    let [jf, jg] = [f.current / measure, g.current / measure];
+    let carried = if z.is_infinite() { 0.0 } else { z * jf * jg };
+    let deviating = if z == 0.0 { 0.0 } else { mean_product(df, dg) / z };
+    let mixed = if z == 0.0 { 0.0 } else { jf * mean(dg) + jg * mean(df) };
+    carried + mixed + deviating
+}
