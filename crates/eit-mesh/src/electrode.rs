@@ -1,6 +1,6 @@
 //! Electrodes on a surface, and the mesh: both together.
 
-use crate::surface::{norm, sub};
+use crate::surface::{middle, norm, sub};
 use crate::{MeshError, Surface};
 use std::collections::HashMap;
 
@@ -36,7 +36,8 @@ impl Mesh {
         for (index, electrode) in electrodes.iter().enumerate() {
             let electrode_number = index + 1;
             match electrode {
-                Electrode::Rim(edges) => claim_edges(&mut rim, electrode_number, edges)?,
+                Electrode::Rim(edges) => claim_edges(&mut rim, electrode_number, edges)
+                    .map_err(|error| at_place(error, &surface))?,
                 Electrode::Patch(triangles) => {
                     claim_triangles(&mut patch, electrode_number, triangles)?;
                 }
@@ -100,6 +101,17 @@ fn sorted(edge: [u32; 2]) -> [u32; 2] {
     [edge[0].min(edge[1]), edge[0].max(edge[1])]
 }
 
+/// Adds the place of an edge that is not on the rim, where its nodes exist.
+fn at_place(error: MeshError, surface: &Surface) -> MeshError {
+    match error {
+        MeshError::NotOnRim { electrode, edge, .. } => {
+            let at = |n: u32| surface.nodes().get(n as usize).copied().unwrap_or([f64::NAN; 3]);
+            MeshError::NotOnRim { electrode, edge, position_m: middle(&edge.map(at)) }
+        }
+        other => other,
+    }
+}
+
 fn claim_edges(
     rim: &mut HashMap<[u32; 2], usize>,
     electrode: usize,
@@ -109,7 +121,8 @@ fn claim_edges(
         return Err(MeshError::EmptyElectrode { electrode });
     }
     for &edge in edges {
-        let owner = rim.get_mut(&sorted(edge)).ok_or(MeshError::NotOnRim { electrode, edge })?;
+        let not_on_rim = MeshError::NotOnRim { electrode, edge, position_m: [f64::NAN; 3] };
+        let owner = rim.get_mut(&sorted(edge)).ok_or(not_on_rim)?;
         if *owner != 0 {
             let place = format!("edge {edge:?}");
             return Err(MeshError::OverlappingElements { first: *owner, second: electrode, place });

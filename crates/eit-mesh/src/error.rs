@@ -41,8 +41,8 @@ pub enum MeshError {
     },
     /// A triangle without area.
     #[error(
-        "triangle {triangle} (nodes {nodes:?}) has the area {area_m2:e} m2, zero to rounding: \
-         remove it or move its nodes"
+        "triangle {triangle} (nodes {nodes:?}) at {position_m:?} has the area {area_m2:e} m2, zero to \
+         rounding: remove it or move its nodes"
     )]
     ZeroArea {
         /// Triangle index.
@@ -51,39 +51,53 @@ pub enum MeshError {
         nodes: [u32; 3],
         /// Its area, square metres.
         area_m2: f64,
+        /// Its centroid, metres.
+        position_m: [f64; 3],
     },
     /// A node that belongs to no triangle.
-    #[error("node {node} belongs to no triangle: remove it")]
+    #[error("node {node} at {position_m:?} belongs to no triangle: remove it")]
     UnusedNode {
         /// Node index.
         node: usize,
+        /// Its coordinates, metres.
+        position_m: [f64; 3],
     },
     /// An edge with three triangles or more.
-    #[error("edge {edge:?} belongs to {triangles} triangles: a skin is a surface, at most 2 meet")]
+    #[error(
+        "edge {edge:?} at {position_m:?} belongs to {triangles} triangles: a skin is a surface, at \
+         most 2 meet"
+    )]
     NonManifoldEdge {
         /// Its nodes.
         edge: [u32; 2],
         /// Triangles found on it.
         triangles: usize,
+        /// Its middle, metres.
+        position_m: [f64; 3],
     },
     /// The two sides of the surface cannot be told apart.
     #[error(
-        "the surface cannot be oriented at triangle {triangle}: it is twisted like a Moebius band"
+        "the surface cannot be oriented at triangle {triangle} at {position_m:?}: it is twisted like a \
+         Moebius band"
     )]
     NotOrientable {
         /// Triangle index.
         triangle: usize,
+        /// Its centroid, metres.
+        position_m: [f64; 3],
     },
     /// The surface falls apart.
     #[error(
-        "the mesh has {parts} parts that share no edge; the part of triangle {triangle} has \
-         {part_triangles} of {triangles} triangles: keep one part, or join them"
+        "the mesh has {parts} parts that share no edge; the part of triangle {triangle} at \
+         {position_m:?} has {part_triangles} of {triangles} triangles: keep one part, or join them"
     )]
     Unconnected {
         /// Number of parts.
         parts: usize,
         /// First triangle of the smallest part.
         triangle: usize,
+        /// Its centroid, metres.
+        position_m: [f64; 3],
         /// Triangles in the smallest part.
         part_triangles: usize,
         /// Triangles in all.
@@ -96,12 +110,17 @@ pub enum MeshError {
         electrode: usize,
     },
     /// A rim electrode on an edge that is not on the rim.
-    #[error("electrode {electrode} names edge {edge:?}, which is not on the rim of the skin")]
+    #[error(
+        "electrode {electrode} names edge {edge:?} at {position_m:?}, which is not on the rim of \
+         the skin"
+    )]
     NotOnRim {
         /// 1-based number.
         electrode: usize,
         /// The edge's nodes.
         edge: [u32; 2],
+        /// Its middle, metres; its nodes may not exist: NaN then.
+        position_m: [f64; 3],
     },
     /// A patch electrode names a triangle that does not exist.
     #[error("electrode {electrode} names triangle {triangle}, but the mesh has {triangles}")]
@@ -294,5 +313,79 @@ pub enum MeshError {
         expected: f64,
         /// The limit.
         limit: usize,
+    },
+    /// An electrode position that is on no part of the skin.
+    #[error(
+        "electrode {electrode} at {position_m:?} is {distance_m:.3e} m from the nearest {what} (within \
+         {tolerance_m:.1e} m is on it): move it, or look at the unit of the file (scale_m)"
+    )]
+    OffSurface {
+        /// 1-based number.
+        electrode: usize,
+        /// Position given, metres.
+        position_m: [f64; 3],
+        /// Distance to the nearest point, metres.
+        distance_m: f64,
+        /// Tolerance, metres.
+        tolerance_m: f64,
+        /// "point of the skin" or "point of its rim".
+        what: &'static str,
+    },
+    /// A rim that goes through one node more than once.
+    #[error(
+        "the rim goes through node {node} at {position_m:?} more than once: there, rim lengths have no \
+         order; widen the place or cut the node in two"
+    )]
+    PinchedRim {
+        /// Node index.
+        node: usize,
+        /// Its coordinates, metres.
+        position_m: [f64; 3],
+    },
+    /// A rim electrode on a skin that has no rim.
+    #[error(
+        "electrode {electrode} is a rim electrode, but the skin is closed and has no rim: give it a \
+         radius_m instead of a width_m"
+    )]
+    NoRim {
+        /// 1-based number.
+        electrode: usize,
+    },
+    /// A patch that is not on the skin whole.
+    #[error("the patch of electrode {electrode} at {position_m:?} {problem}")]
+    BadPatch {
+        /// 1-based number.
+        electrode: usize,
+        /// Where, metres.
+        position_m: [f64; 3],
+        /// What is wrong there and how to mend it.
+        problem: &'static str,
+    },
+    /// Two patches on the same place.
+    #[error(
+        "the patches of electrodes {first} and {second} lie {gap_m:.3e} m apart (below zero: over \
+         one another): leave at least {least_m:.1e} m, or make them smaller"
+    )]
+    OverlappingPatches {
+        /// 1-based number.
+        first: usize,
+        /// 1-based number.
+        second: usize,
+        /// Distance of their outlines, metres.
+        gap_m: f64,
+        /// Smallest gap, metres.
+        least_m: f64,
+    },
+    /// An electrode's width or radius is out of its range.
+    #[error("electrode {electrode}: {quantity} is {value}: it must be {must}")]
+    ElectrodeSize {
+        /// 1-based number.
+        electrode: usize,
+        /// "width_m" or "radius_m".
+        quantity: &'static str,
+        /// The value given.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
     },
 }

@@ -5,6 +5,7 @@ mod check;
 mod piece;
 
 use crate::MeshError;
+use crate::rim_electrodes::Disc;
 use check::{check_polygon, in_range};
 use piece::Piece;
 use std::f64::consts::TAU;
@@ -31,6 +32,12 @@ pub enum SkinShape {
         /// Side along y, metres.
         height_m: f64,
     },
+    /// The upper half of a sphere centred at the origin, its rim the circle at z = 0. Meshed as a
+    /// disc and mapped by the inverse stereographic projection, which keeps angles.
+    Hemisphere {
+        /// Radius, metres.
+        radius_m: f64,
+    },
     /// A polygon with holes. Loops close by themselves and may turn either way.
     Polygon {
         /// Corners of the outer loop, metres.
@@ -41,7 +48,7 @@ pub enum SkinShape {
 }
 
 impl SkinShape {
-    /// The outline of the shape, checked.
+    /// The outline of the shape, checked; of a hemisphere its rim.
     ///
     /// # Errors
     /// [`MeshError::OutOfRange`] for a size that is not finite or not between 1e-9 m and 1e9 m;
@@ -49,7 +56,7 @@ impl SkinShape {
     /// sharper than one degree, or a hole that is not inside or not clear of the others.
     pub fn outline(&self) -> Result<Outline, MeshError> {
         match self {
-            Self::Disc { radius_m } => Outline::disc(*radius_m),
+            Self::Disc { radius_m } | Self::Hemisphere { radius_m } => Outline::disc(*radius_m),
             Self::Rectangle { width_m, height_m } => Outline::rectangle(*width_m, *height_m),
             Self::Polygon { outline_m, holes_m } => Outline::polygon(outline_m, holes_m),
         }
@@ -84,6 +91,20 @@ impl Loop {
         }
         let next = corners.iter().cycle().skip(1);
         Self::new(corners.iter().zip(next).map(|(&from, &to)| Piece::Line { from, to }).collect())
+    }
+
+    /// Whether a point lies inside the loop. It must be clear of it.
+    fn is_around(&self, point_m: [f64; 2]) -> bool {
+        let crossings = self.pieces.iter().filter(|piece| match **piece {
+            // an arc is a whole circle
+            Piece::Arc { centre, radius, .. } => distance(centre, point_m) < radius,
+            Piece::Line { from, to } => {
+                (from[1] > point_m[1]) != (to[1] > point_m[1])
+                    && point_m[0]
+                        < from[0] + (point_m[1] - from[1]) / (to[1] - from[1]) * (to[0] - from[0])
+            }
+        });
+        crossings.count() % 2 == 1
     }
 
     /// Length once around, metres.
@@ -193,6 +214,21 @@ impl Outline {
     /// The loops: outer loop first, then the holes in their order.
     pub fn loops(&self) -> &[Loop] {
         &self.loops
+    }
+
+    /// Number of loops around a point that is clear of them: 0 outside, 1 on the skin, 2 in a hole.
+    pub(crate) fn loops_around(&self, point_m: [f64; 2]) -> usize {
+        self.loops.iter().filter(|l| l.is_around(point_m)).count()
+    }
+
+    /// This outline with round holes, as loops after its own.
+    pub(crate) fn pierced(&self, discs: &[Disc]) -> Self {
+        let mut pierced = self.clone();
+        pierced.loops.extend(discs.iter().map(|disc| {
+            let (centre, radius) = (disc.centre_m, disc.radius_m);
+            Loop::new(vec![Piece::Arc { centre, radius, from_rad: 0.0, sweep_rad: -TAU }])
+        }));
+        pierced
     }
 
     /// Centroid of the area inside the outer loop (holes not taken off), metres.

@@ -2,7 +2,9 @@
 //!
 //! A [`Mesh`] is a [`Surface`] (nodes in metres, triangles) with [`Electrode`]s on its rim or
 //! inside it. [`generate`] meshes a [`SkinShape`] with [`RimElectrodes`], as fine as
-//! [`MeshSettings`] ask; [`Quality`] says how good the triangles are.
+//! [`MeshSettings`] ask; [`generate_placed`] takes electrodes by position, patches among them.
+//! [`read_mesh`] reads a surface from Gmsh, STL or OBJ and says what it had to mend ([`Repairs`]);
+//! [`place_electrodes`] puts electrodes on it. [`Quality`] says how good the triangles are.
 //!
 //! # Example
 //! ```
@@ -24,8 +26,10 @@ mod error;
 mod generate;
 mod geometry;
 mod io;
+mod placed;
 mod quality;
 mod raster;
+mod repair;
 mod rim_electrodes;
 mod size_field;
 mod smooth;
@@ -34,10 +38,15 @@ mod surface;
 pub use csr::CsrMatrix;
 pub use electrode::{Electrode, Mesh};
 pub use error::MeshError;
-pub use generate::{MeshSettings, generate};
+pub use generate::{MeshSettings, generate, generate_placed};
 pub use geometry::{Loop, Outline, SkinShape};
-pub use io::{ElementField, GmshVersion, parse_gmsh, read_gmsh, write_gmsh, write_vtu};
+pub use io::{
+    ElementField, GmshVersion, parse_gmsh, parse_obj, parse_stl, read_gmsh, read_mesh, write_gmsh,
+    write_vtu,
+};
+pub use placed::{Contact, PlacedElectrode, place_electrodes};
 pub use quality::Quality;
 pub use raster::Raster;
+pub use repair::Repairs;
 pub use rim_electrodes::{Direction, Placement, RimElectrodes};
 pub use surface::Surface;

@@ -37,7 +37,7 @@ impl Surface {
     pub fn new(nodes: Vec<[f64; 3]>, mut triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         check_nodes_and_indices(&nodes, &triangles)?;
         let areas_m2 = check_areas(&nodes, &triangles)?;
-        let neighbours = neighbours(&triangles)?;
+        let neighbours = neighbours(&nodes, &triangles)?;
         orient(&nodes, &mut triangles, &areas_m2, &neighbours)?;
         let mut rim_edges = Vec::new();
         for (triangle, sides) in triangles.iter().zip(&oriented_sides(&triangles, &neighbours)) {
@@ -88,7 +88,7 @@ impl Surface {
     /// The three triangles across the sides (0-1, 1-2, 2-0) of each triangle; `None` on the rim.
     pub fn neighbours(&self) -> Vec<[Option<u32>; 3]> {
         // built from valid triangles, so the only error of `neighbours` cannot occur
-        neighbours(&self.triangles).unwrap_or_default()
+        neighbours(&self.nodes, &self.triangles).unwrap_or_default()
     }
 
     /// Smallest box that holds the surface: `[min, max]`, metres.
@@ -114,8 +114,22 @@ pub(crate) fn norm(a: [f64; 3]) -> f64 {
     (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
 }
 
+/// Mean of some points.
+pub(crate) fn middle<const N: usize>(points: &[[f64; 3]; N]) -> [f64; 3] {
+    std::array::from_fn(|k| points.iter().map(|p| p[k]).sum::<f64>() / N as f64)
+}
+
+fn centroid(nodes: &[[f64; 3]], triangle: [u32; 3]) -> [f64; 3] {
+    middle(&triangle.map(|n| nodes[n as usize]))
+}
+
+/// Scalar product.
+pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
 /// Cross product.
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
@@ -147,7 +161,7 @@ fn check_nodes_and_indices(nodes: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result
         }
     }
     match used.iter().position(|&u| !u) {
-        Some(node) => Err(MeshError::UnusedNode { node }),
+        Some(node) => Err(MeshError::UnusedNode { node, position_m: nodes[node] }),
         None => Ok(()),
     }
 }
@@ -160,7 +174,8 @@ fn check_areas(nodes: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Vec<f64>, M
         let longest = norm(sub(b, a)).max(norm(sub(c, b))).max(norm(sub(a, c)));
         // coordinates may overflow on the way
         if !area_m2.is_finite() || area_m2 <= ZERO_AREA * longest * longest {
-            return Err(MeshError::ZeroArea { triangle, nodes: corners, area_m2 });
+            let position_m = middle(&[a, b, c]);
+            return Err(MeshError::ZeroArea { triangle, nodes: corners, area_m2, position_m });
         }
         areas_m2.push(area_m2);
     }
@@ -168,7 +183,10 @@ fn check_areas(nodes: &[[f64; 3]], triangles: &[[u32; 3]]) -> Result<Vec<f64>, M
 }
 
 /// Triangles across each side; refuses edges of three triangles or more.
-fn neighbours(triangles: &[[u32; 3]]) -> Result<Vec<[Option<u32>; 3]>, MeshError> {
+fn neighbours(
+    nodes: &[[f64; 3]],
+    triangles: &[[u32; 3]],
+) -> Result<Vec<[Option<u32>; 3]>, MeshError> {
     let mut first: HashMap<[u32; 2], (u32, u8)> = HashMap::with_capacity(2 * triangles.len());
     let mut across = vec![[None; 3]; triangles.len()];
     for (t, corners) in triangles.iter().enumerate() {
@@ -182,8 +200,9 @@ fn neighbours(triangles: &[[u32; 3]]) -> Result<Vec<[Option<u32>; 3]>, MeshError
                 Some(&(other, side)) => {
                     let slot = &mut across[other as usize][side as usize];
                     if slot.is_some() {
-                        let count = count_on_edge(triangles, edge);
-                        return Err(MeshError::NonManifoldEdge { edge, triangles: count });
+                        let triangles = count_on_edge(triangles, edge);
+                        let position_m = middle(&edge.map(|n| nodes[n as usize]));
+                        return Err(MeshError::NonManifoldEdge { edge, triangles, position_m });
                     }
                     *slot = Some(t as u32);
                     across[t][k] = Some(other);
@@ -247,15 +266,23 @@ fn orient(
                     part[o] = id;
                     queue.push(o);
                 } else if same_way {
-                    return Err(MeshError::NotOrientable { triangle: o });
+                    let position_m = centroid(nodes, triangles[o]);
+                    return Err(MeshError::NotOrientable { triangle: o, position_m });
                 }
             }
         }
         sizes.push((size, start));
     }
     if let (true, Some(&(part_triangles, triangle))) = (sizes.len() > 1, sizes.iter().min()) {
+        let position_m = centroid(nodes, triangles[triangle]);
         let (parts, triangles) = (sizes.len(), triangles.len());
-        return Err(MeshError::Unconnected { parts, triangle, part_triangles, triangles });
+        return Err(MeshError::Unconnected {
+            parts,
+            triangle,
+            position_m,
+            part_triangles,
+            triangles,
+        });
     }
     let upward: f64 =
         triangles.iter().zip(areas_m2).map(|(&t, a)| a * normal(nodes, t)[2].signum()).sum();

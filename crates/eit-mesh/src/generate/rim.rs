@@ -14,6 +14,8 @@ pub(crate) struct Rim {
     pub edges: Vec<[u32; 2]>,
     /// Rim edges of each electrode, in the order of the loop.
     pub electrodes: Vec<Vec<[u32; 2]>>,
+    /// First node of each loop, and the number of nodes.
+    pub starts: Vec<usize>,
 }
 
 /// An edge may be this much longer than the distance to the opposite part of the outline: the
@@ -22,6 +24,9 @@ const NARROW: f64 = 1.25;
 /// Rounds of cutting for narrow places. Along a strip each round divides the distance between
 /// sources by four or more; what six rounds leave is a few edges slightly too long.
 const NARROW_ROUNDS: usize = 6;
+
+/// Fewest sides of the polygon that stands for a round patch.
+const FEWEST_CHORDS: f64 = 12.0;
 
 /// A place on a loop that must become a node.
 #[derive(Clone, Copy)]
@@ -34,18 +39,23 @@ struct Breakpoint {
 /// Cuts the outline and builds the size field that the inside follows.
 ///
 /// Where two parts of the outline come nearer than the edge length wanted there, the field is
-/// lowered to their distance and the outline is cut again.
+/// lowered to their distance and the outline is cut again. The last loops are the outlines of
+/// patches, with `patch_edges_m` the edge length wanted on each.
 pub(crate) fn cut(
     outline: &Outline,
     electrodes: &[RimInterval],
     settings: &MeshSettings,
-    edge_m: f64,
+    (edge_m, patch_edges_m): (f64, &[f64]),
 ) -> Result<(Rim, SizeField), MeshError> {
+    let skin_loops = outline.loops().len() - patch_edges_m.len();
     let mut sources = Vec::new();
     let mut breakpoints = Vec::new();
     for (index, l) in outline.loops().iter().enumerate() {
         let on_loop: Vec<_> = electrodes.iter().filter(|e| e.loop_index == index).collect();
-        let places = breakpoints_of(l, &on_loop, settings, edge_m, outline.resolution_m());
+        let places = match index.checked_sub(skin_loops).and_then(|k| patch_edges_m.get(k)) {
+            Some(&patch_edge_m) => patch_places(l, patch_edge_m),
+            None => breakpoints_of(l, &on_loop, settings, edge_m, outline.resolution_m()),
+        };
         for (k, place) in places.iter().enumerate() {
             let shorter = span(&places, k + places.len() - 1, l).min(span(&places, k, l));
             // a gap between electrodes carries a potential step: two edges at least
@@ -54,7 +64,8 @@ pub(crate) fn cut(
         }
         breakpoints.push(places);
     }
-    let chord_m = outline.loops().iter().map(Loop::largest_chord_m).fold(edge_m, f64::min);
+    let chord_m =
+        outline.loops()[..skin_loops].iter().map(Loop::largest_chord_m).fold(edge_m, f64::min);
     let bounds = outline.bounds_m();
     let mut field = SizeField::new(chord_m, settings.grading, bounds, &sources);
     for _ in 0..NARROW_ROUNDS {
@@ -119,7 +130,8 @@ fn narrow_places(
 /// Numbers the nodes and collects the edges.
 fn number(outline: &Outline, cuts: &[Vec<f64>], electrodes: &[RimInterval]) -> Rim {
     let electrode_edges = vec![Vec::new(); electrodes.len()];
-    let mut rim = Rim { points: Vec::new(), edges: Vec::new(), electrodes: electrode_edges };
+    let mut rim =
+        Rim { points: Vec::new(), edges: Vec::new(), electrodes: electrode_edges, starts: vec![0] };
     for (index, (l, cut)) in outline.loops().iter().zip(cuts).enumerate() {
         let first = rim.points.len();
         let on_loop: Vec<_> =
@@ -136,6 +148,7 @@ fn number(outline: &Outline, cuts: &[Vec<f64>], electrodes: &[RimInterval]) -> R
                 rim.electrodes[electrode].push(edge);
             }
         }
+        rim.starts.push(rim.points.len());
     }
     rim
 }
@@ -176,6 +189,13 @@ fn breakpoints_of(
         places.rotate_left(start.unwrap_or(0));
     }
     places
+}
+
+/// Nodes of a patch's outline, equally spaced.
+fn patch_places(l: &Loop, edge_m: f64) -> Vec<Breakpoint> {
+    let count = (l.length_m() / edge_m).ceil().max(FEWEST_CHORDS);
+    let at = |k: usize| Breakpoint { s_m: l.length_m() * k as f64 / count, end_size_m: None };
+    (0..count as usize).map(at).collect()
 }
 
 /// Arc length from breakpoint `k` (cyclic) to the next.

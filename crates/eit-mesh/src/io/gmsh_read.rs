@@ -1,7 +1,8 @@
 //! A mesh from a Gmsh file: nodes numbered, groups resolved to electrodes.
 
 use super::gmsh_sections::{Element, Sections, read_sections};
-use crate::{Electrode, Mesh, MeshError, Surface};
+use crate::repair::{coincident, mend, size_m};
+use crate::{Electrode, Mesh, MeshError, Repairs, Surface};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
@@ -17,6 +18,10 @@ pub fn read_gmsh(path: impl AsRef<Path>) -> Result<Mesh, MeshError> {
     }
 }
 
+/// Nodes within this fraction of the surface's longest side are at one place. Gmsh writes sixteen
+/// digits.
+const SAME_PLACE: f64 = 1e-9;
+
 /// A mesh from the bytes of an ASCII Gmsh file, version 2.2 or 4.1. Coordinates are metres.
 ///
 /// Every triangle belongs to the skin. Lines of a physical curve named `electrode_N` (N from 1)
@@ -25,6 +30,9 @@ pub fn read_gmsh(path: impl AsRef<Path>) -> Result<Mesh, MeshError> {
 /// sections other than those of the mesh. Nodes that no triangle uses are dropped; apart from
 /// that nodes, triangles and an electrode's lines keep the file's order, and a patch's triangles
 /// ascend (2.2 files repeat an element for each of its groups: it is one triangle).
+/// Where the skin falls apart into parts whose nodes lie at the same places, as meshes of several
+/// surfaces do, those nodes become one; where it hangs together without that, they are a cut and
+/// stay. [`read_mesh`](crate::read_mesh) says what was mended.
 ///
 /// `file` names the file in messages.
 ///
@@ -33,15 +41,39 @@ pub fn read_gmsh(path: impl AsRef<Path>) -> Result<Mesh, MeshError> {
 /// with the file or with the mesh in it, also what [`Surface::new`] and [`Mesh::new`] refuse. The
 /// node and triangle indices in their messages are 0-based in file order.
 pub fn parse_gmsh(bytes: &[u8], file: &str) -> Result<Mesh, MeshError> {
+    mended_gmsh(bytes, file, 1.0).map(|(mesh, _)| mesh)
+}
+
+/// [`parse_gmsh`], lengths multiplied by `scale_m`, with what was mended.
+pub(super) fn mended_gmsh(
+    bytes: &[u8],
+    file: &str,
+    scale_m: f64,
+) -> Result<(Mesh, Repairs), MeshError> {
     let sections = read_sections(bytes, file)?;
     let at = |(line, problem)| MeshError::Parse { file: file.into(), line, problem };
     let names = electrode_names(&sections).map_err(at)?;
-    let Resolved { nodes, triangles, triangle_lines, electrodes, node_of_tag } =
-        resolve(&sections, &names).map_err(at)?;
+    let mut found = resolve(&sections, &names).map_err(at)?;
+    found.nodes.iter_mut().flatten().for_each(|x| *x *= scale_m);
+    let merge_distance_m = SAME_PLACE * size_m(&found.nodes);
+    let dropped_nodes = sections.nodes.len() - found.nodes.len();
+    let mut repairs = Repairs { dropped_nodes, merge_distance_m, ..Repairs::default() };
+    let mut surface = Surface::new(found.nodes.clone(), found.triangles.clone());
+    let twins = coincident(&found.nodes, merge_distance_m);
+    if twins > 0 && matches!(surface, Err(MeshError::Unconnected { .. })) {
+        found.merge(&mut repairs).map_err(|e| at((0, e.to_string())))?;
+        surface = Surface::new(found.nodes.clone(), found.triangles.clone());
+    } else {
+        repairs.coincident_nodes = twins;
+    }
+    if let Ok(surface) = &surface {
+        repairs.inspect(surface, &found.triangles);
+    }
+    let mesh =
+        surface.and_then(|surface| Mesh::new(surface, std::mem::take(&mut found.electrodes)));
+    let Resolved { triangle_lines, node_of_tag, .. } = found;
     let lines = ErrorLines { sections: &sections, names: &names, triangle_lines, node_of_tag };
-    Surface::new(nodes, triangles)
-        .and_then(|surface| Mesh::new(surface, electrodes))
-        .map_err(|error| at((lines.line_of(&error), error.to_string())))
+    mesh.map(|mesh| (mesh, repairs)).map_err(|error| at((lines.line_of(&error), error.to_string())))
 }
 
 /// Finds the line that an error of [`Surface::new`] or [`Mesh::new`] is about.
@@ -57,7 +89,7 @@ impl ErrorLines<'_> {
     fn line_of(&self, error: &MeshError) -> usize {
         match *error {
             MeshError::ZeroArea { triangle, .. }
-            | MeshError::NotOrientable { triangle }
+            | MeshError::NotOrientable { triangle, .. }
             | MeshError::Unconnected { triangle, .. } => {
                 self.triangle_lines.get(triangle).copied().unwrap_or(0)
             }
@@ -161,6 +193,33 @@ struct Resolved {
     triangle_lines: Vec<usize>,
     electrodes: Vec<Electrode>,
     node_of_tag: NodesByTag,
+}
+
+impl Resolved {
+    /// Makes nodes at one place one node.
+    fn merge(&mut self, repairs: &mut Repairs) -> Result<(), MeshError> {
+        let mended = mend(&self.nodes, &self.triangles, repairs.merge_distance_m)?;
+        repairs.merged_nodes = mended.repairs.merged_nodes;
+        repairs.dropped_triangles = mended.repairs.dropped_triangles;
+        let mut kept = mended.triangle_of.iter().map(Option::is_some);
+        self.triangle_lines.retain(|_| kept.next().unwrap_or(false));
+        for electrode in &mut self.electrodes {
+            match electrode {
+                Electrode::Rim(edges) => edges.iter_mut().flatten().for_each(|node| {
+                    *node = mended.node_of.get(*node as usize).copied().flatten().unwrap_or(*node);
+                }),
+                Electrode::Patch(triangles) => {
+                    let new = |t: &u32| mended.triangle_of.get(*t as usize).copied().flatten();
+                    *triangles = triangles.iter().filter_map(new).collect();
+                }
+            }
+        }
+        for node in self.node_of_tag.values_mut() {
+            node.index = node.index.and_then(|i| mended.node_of.get(i as usize).copied().flatten());
+        }
+        (self.nodes, self.triangles) = (mended.nodes, mended.triangles);
+        Ok(())
+    }
 }
 
 /// Tags to indices, groups to electrodes.

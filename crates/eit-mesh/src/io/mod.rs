@@ -1,17 +1,38 @@
-//! Mesh files: Gmsh in and out, VTU out.
+//! Mesh files: Gmsh in and out, STL and OBJ in, VTU out.
 
 mod gmsh_read;
 mod gmsh_sections;
 mod gmsh_write;
 mod lines;
+mod obj;
+mod stl;
+mod surface_file;
 mod vtu;
 
 pub use gmsh_read::{parse_gmsh, read_gmsh};
 pub use gmsh_write::{GmshVersion, write_gmsh};
+pub use surface_file::{parse_obj, parse_stl, read_mesh};
 pub use vtu::write_vtu;
 
 use crate::{Electrode, Mesh, MeshError};
 use std::collections::HashMap;
+
+/// Nodes and triangles of a file, not yet a surface.
+#[derive(Debug, Default)]
+struct Soup {
+    nodes: Vec<[f64; 3]>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl Soup {
+    /// A triangle with three nodes of its own. Past 32-bit indices, numbers repeat: the counts are
+    /// refused before anyone looks.
+    fn push(&mut self, corners: [[f64; 3]; 3]) {
+        let first = self.nodes.len();
+        self.nodes.extend(corners);
+        self.triangles.push([first, first + 1, first + 2].map(|n| n as u32));
+    }
+}
 
 /// One named value per triangle that goes into a mesh file, for example the conductivity.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -67,3 +67,70 @@ pub fn with_electrodes(surface: Surface) -> Mesh {
     ];
     Mesh::new(surface, electrodes).unwrap()
 }
+
+/// The upper half of a sphere: half an octahedron, each side of each triangle halved `times` times
+/// and moved to the sphere. The rim lies at z = 0.
+pub fn half_sphere(times: u32, radius_m: f64) -> Surface {
+    let mut corners: Vec<[f64; 3]> =
+        vec![[1., 0., 0.], [0., 1., 0.], [-1., 0., 0.], [0., -1., 0.], [0., 0., 1.]];
+    let mut triangles: Vec<[u32; 3]> = vec![[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]];
+    for _ in 0..times {
+        let mut middles = std::collections::HashMap::new();
+        let mut finer = Vec::new();
+        for [a, b, c] in triangles {
+            let mut middle = |a: u32, b: u32| {
+                *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                    let (p, q) = (corners[a as usize], corners[b as usize]);
+                    let sum = [p[0] + q[0], p[1] + q[1], p[2] + q[2]];
+                    let length = sum.iter().map(|x| x * x).sum::<f64>().sqrt();
+                    corners.push(sum.map(|x| x / length));
+                    (corners.len() - 1) as u32
+                })
+            };
+            let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+            finer.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+        }
+        triangles = finer;
+    }
+    let nodes = corners.iter().map(|p| p.map(|x| radius_m * x)).collect();
+    Surface::new(nodes, triangles).unwrap()
+}
+
+/// A surface as a binary STL file.
+pub fn binary_stl(surface: &Surface) -> Vec<u8> {
+    // many programs begin binary files like text
+    let mut bytes = b"solid exported".to_vec();
+    bytes.resize(80, b' ');
+    bytes.extend((surface.triangles().len() as u32).to_le_bytes());
+    for t in 0..surface.triangles().len() {
+        bytes.extend([0; 12]);
+        for x in surface.corners(t).into_iter().flatten() {
+            bytes.extend((x as f32).to_le_bytes());
+        }
+        bytes.extend([0; 2]);
+    }
+    bytes
+}
+
+/// A surface as an ASCII STL file with all digits.
+pub fn text_stl(surface: &Surface) -> String {
+    let mut text = String::from("solid skin\n");
+    for t in 0..surface.triangles().len() {
+        text += "  facet normal 0 0 0\n    outer loop\n";
+        for [x, y, z] in surface.corners(t) {
+            text += &format!("      vertex {x:e} {y:e} {z:e}\n");
+        }
+        text += "    endloop\n  endfacet\n";
+    }
+    text + "endsolid skin\n"
+}
+
+/// A surface as an OBJ file with all digits.
+pub fn obj(surface: &Surface) -> String {
+    let nodes = surface.nodes().iter().map(|[x, y, z]| format!("v {x:e} {y:e} {z:e}\n"));
+    let faces = surface.triangles().iter().map(|t| {
+        let [a, b, c] = t.map(|n| n + 1);
+        format!("f {a} {b}/1 {c}//2\n")
+    });
+    nodes.chain(faces).collect()
+}

@@ -1,0 +1,90 @@
+//! A mesh from a file of any format, by its ending.
+
+use super::gmsh_read::mended_gmsh;
+use super::{Soup, obj, stl};
+use crate::repair::size_m;
+use crate::{Mesh, MeshError, Repairs, Surface};
+use std::path::Path;
+
+/// Corners of an STL or OBJ file within this fraction of the surface's longest side are one node.
+/// Both formats carry seven digits, and programs round the corners of neighbours differently.
+const MERGE: f64 = 1e-6;
+
+/// Reads a skin from a Gmsh (`.msh`), STL (`.stl`) or OBJ (`.obj`) file, mended where that is
+/// harmless, and what was mended.
+///
+/// Lengths in the file are multiplied by `scale_m`: 1 for metres, 1e-3 for millimetres. A Gmsh
+/// file may bring its electrodes (see [`parse_gmsh`](crate::parse_gmsh)); the others have none:
+/// [`place_electrodes`](crate::place_electrodes) puts them there by position.
+///
+/// # Errors
+/// [`MeshError::Io`] if the file cannot be read, [`MeshError::OutOfRange`] for a scale that is not
+/// between 1e-9 and 1e9, [`MeshError::Parse`] for everything that is wrong in the file.
+pub fn read_mesh(path: impl AsRef<Path>, scale_m: f64) -> Result<(Mesh, Repairs), MeshError> {
+    let path = path.as_ref();
+    let name = path.display().to_string();
+    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
+    let known = ["msh", "stl", "obj"];
+    let Some(ending) = ending.filter(|e| known.contains(&e.as_str())) else {
+        let problem = "a skin is read from a .msh (Gmsh), .stl or .obj file".to_owned();
+        return Err(MeshError::Parse { file: name, line: 0, problem });
+    };
+    let bytes = std::fs::read(path)
+        .map_err(|error| MeshError::Io { path: name.clone(), reason: error.to_string() })?;
+    let bare = |(surface, repairs)| Ok((Mesh::new(surface, Vec::new())?, repairs));
+    match ending.as_str() {
+        "stl" => parse_stl(&bytes, &name, scale_m).and_then(bare),
+        "obj" => parse_obj(&bytes, &name, scale_m).and_then(bare),
+        _ => mended_gmsh(&bytes, &name, checked(scale_m)?),
+    }
+}
+
+/// A surface from the bytes of a binary or ASCII STL file, its lengths multiplied by `scale_m`.
+///
+/// Each triangle of the file brings its own corners: those within 1e-6 of the surface's longest
+/// side of each other become one node. Triangles that collapse, or that are there twice, are
+/// dropped; normals are not read.
+///
+/// `file` names the file in messages.
+///
+/// # Errors
+/// As [`read_mesh`]; triangles are counted from 0 in the file's order.
+pub fn parse_stl(bytes: &[u8], file: &str, scale_m: f64) -> Result<(Surface, Repairs), MeshError> {
+    let scale_m = checked(scale_m)?;
+    let (surface, mut repairs) = surface(stl::triangles(bytes, file)?, file, scale_m)?;
+    repairs.unshared = true;
+    Ok((surface, repairs))
+}
+
+/// A surface from the bytes of a Wavefront OBJ file, its lengths multiplied by `scale_m`.
+///
+/// Faces of more than three corners are cut into triangles. Vertices within 1e-6 of the surface's
+/// longest side of each other become one node. Normals, textures, materials, groups, lines and
+/// points are passed over. OBJ says nowhere how long it is: a file cut off between two lines reads
+/// as a smaller surface.
+///
+/// `file` names the file in messages.
+///
+/// # Errors
+/// As [`read_mesh`]; vertices and triangles are counted from 0 in the file's order.
+pub fn parse_obj(bytes: &[u8], file: &str, scale_m: f64) -> Result<(Surface, Repairs), MeshError> {
+    let scale_m = checked(scale_m)?;
+    surface(obj::triangles(bytes, file)?, file, scale_m)
+}
+
+fn checked(scale_m: f64) -> Result<f64, MeshError> {
+    if (1e-9..=1e9).contains(&scale_m) {
+        return Ok(scale_m);
+    }
+    let (quantity, must) = ("scale_m", "between 1e-9 and 1e9 (metres per unit of the file)");
+    Err(MeshError::OutOfRange { quantity, value: scale_m, must })
+}
+
+fn surface(mut soup: Soup, file: &str, scale_m: f64) -> Result<(Surface, Repairs), MeshError> {
+    soup.nodes.iter_mut().flatten().for_each(|x| *x *= scale_m);
+    let merge_m = MERGE * size_m(&soup.nodes);
+    Surface::repaired(soup.nodes, soup.triangles, merge_m).map_err(|error| {
+        let problem = error.to_string();
+        MeshError::Parse { file: file.into(), line: 0, problem }
+    })
+}

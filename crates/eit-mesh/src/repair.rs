@@ -1,0 +1,324 @@
+//! Mends what is harmless in triangles from a file, and says what it mended.
+//!
+//! Harmless is what leaves the skin as it is: nodes written twice, nodes that no triangle uses,
+//! triangles turned over, repeated, or collapsed because two of their corners are one node. All
+//! else is refused by [`Surface::new`] with the index in the file and the place: a triangle that
+//! is flat without being collapsed would leave a crack if it were dropped.
+
+use crate::surface::{middle, norm, sub};
+use crate::{MeshError, Surface};
+use std::collections::{HashMap, HashSet};
+use std::fmt;
+
+/// Triangles below this [quality](Surface::triangle_quality) are mentioned as slivers: angles
+/// below a degree or so. The forward solve loses about as many digits as the worst is below one.
+const SLIVER: f64 = 0.02;
+
+/// What was mended in a mesh from a file, and what else its user should know.
+#[derive(Debug, Clone, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Repairs {
+    /// Nodes that lay at the place of another one and became one with it. In an STL file every
+    /// triangle brings its own corners: there all of them, and no note is made of it.
+    pub merged_nodes: usize,
+    /// Distance up to which nodes are at one place, metres.
+    pub merge_distance_m: f64,
+    /// Nodes that lie at the place of another one and were kept: where a Gmsh mesh hangs
+    /// together without them being one, they are a cut in the skin.
+    pub coincident_nodes: usize,
+    /// Nodes that no triangle uses: dropped.
+    pub dropped_nodes: usize,
+    /// Triangles with two corners on one node, or of the same nodes as another: dropped.
+    pub dropped_triangles: usize,
+    /// Triangles that ran against the others: turned.
+    pub turned_triangles: usize,
+    /// Triangles so flat that they cost digits: kept.
+    pub slivers: usize,
+    /// The flattest: index, centroid in metres, [quality](Surface::triangle_quality).
+    pub worst: Option<(usize, [f64; 3], f64)>,
+    /// Whether every triangle of the file brings its own corners.
+    pub(crate) unshared: bool,
+}
+
+impl Repairs {
+    /// One line for each thing that its user should know; none for a clean mesh.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        let within = format!("(within {:.1e} m)", self.merge_distance_m);
+        let counted = [
+            (
+                if self.unshared { 0 } else { self.merged_nodes },
+                format!("nodes at the place of another one {within} were merged with it"),
+            ),
+            (
+                self.coincident_nodes,
+                format!(
+                    "nodes lie at the place of another one {within} and were kept apart: the skin \
+                     is cut there; if it is not, merge them"
+                ),
+            ),
+            (self.dropped_nodes, "nodes belong to no triangle and were dropped".to_owned()),
+            (
+                self.dropped_triangles,
+                "triangles were collapsed or repeated and were dropped".to_owned(),
+            ),
+            (self.turned_triangles, "triangles ran against the others and were turned".to_owned()),
+        ];
+        for (count, what) in counted {
+            if count > 0 {
+                notes.push(format!("{count} {what}"));
+            }
+        }
+        if let (Some((triangle, at, quality)), 1..) = (self.worst, self.slivers) {
+            notes.push(format!(
+                "{} triangles are slivers; the flattest, triangle {triangle} at {at:?}, has the \
+                 quality {quality:.1e}: voltages may lose digits, mesh the surface anew",
+                self.slivers
+            ));
+        }
+        notes
+    }
+
+    /// Looks at the finished surface: turned triangles and slivers.
+    pub(crate) fn inspect(&mut self, surface: &Surface, before: &[[u32; 3]]) {
+        let turned = |(a, b): &(&[u32; 3], &[u32; 3])| !same_sense(**a, **b);
+        let turned = surface.triangles().iter().zip(before).filter(turned).count();
+        // a file that is consistent in itself may look away from +z: nothing was wrong with it
+        self.turned_triangles = turned.min(before.len() - turned);
+        for triangle in 0..surface.triangles().len() {
+            let quality = surface.triangle_quality(triangle);
+            self.slivers += usize::from(quality < SLIVER);
+            if self.worst.is_none_or(|worst| quality < worst.2) {
+                self.worst = Some((triangle, middle(&surface.corners(triangle)), quality));
+            }
+        }
+    }
+}
+
+impl fmt::Display for Repairs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.notes().join("\n"))
+    }
+}
+
+impl Surface {
+    /// A surface from nodes and triangles of any origin, mended where that is harmless.
+    ///
+    /// Nodes within `merge_m` (metres; 0 merges none) of an earlier one become that one; then
+    /// collapsed and repeated triangles and unused nodes are dropped. The rest keeps its order.
+    ///
+    /// # Errors
+    /// Those of [`Surface::new`]; indices are those of the arguments.
+    ///
+    /// # Example
+    /// ```
+    /// use eit_mesh::Surface;
+    ///
+    /// // two triangles with corners of their own, as in an STL file, and a node of no use
+    /// let nodes = vec![
+    ///     [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0],
+    ///     [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0],
+    ///     [5.0, 0.0, 0.0],
+    /// ];
+    /// let (surface, repairs) = Surface::repaired(nodes, vec![[0, 1, 2], [3, 4, 5]], 1e-9)?;
+    /// assert_eq!((surface.nodes().len(), surface.triangles().len()), (4, 2));
+    /// assert_eq!((repairs.merged_nodes, repairs.dropped_nodes), (2, 1));
+    /// # Ok::<(), eit_mesh::MeshError>(())
+    /// ```
+    pub fn repaired(
+        nodes: Vec<[f64; 3]>,
+        triangles: Vec<[u32; 3]>,
+        merge_m: f64,
+    ) -> Result<(Self, Repairs), MeshError> {
+        let mended = mend(&nodes, &triangles, merge_m)?;
+        let numbers = mended.numbers();
+        let mut repairs = mended.repairs;
+        let before = mended.triangles.clone();
+        let surface =
+            Self::new(mended.nodes, mended.triangles).map_err(|e| numbers.in_arguments(e))?;
+        repairs.inspect(&surface, &before);
+        Ok((surface, repairs))
+    }
+}
+
+/// Nodes and triangles without what is harmless.
+pub(crate) struct Mended {
+    pub nodes: Vec<[f64; 3]>,
+    pub triangles: Vec<[u32; 3]>,
+    /// New index of each node and triangle; `None` if dropped (a merged node has its twin's).
+    pub node_of: Vec<Option<u32>>,
+    pub triangle_of: Vec<Option<u32>>,
+    pub repairs: Repairs,
+}
+
+/// Old indices, to put errors in the terms of the arguments.
+pub(crate) struct Numbers {
+    nodes: Vec<u32>,
+    triangles: Vec<u32>,
+}
+
+impl Mended {
+    pub fn numbers(&self) -> Numbers {
+        let inverse = |of: &[Option<u32>], count: usize| {
+            let mut old = vec![0; count];
+            // backwards, so that the first of merged nodes stays
+            for (index, new) in of.iter().enumerate().rev() {
+                if let Some(slot) = new.and_then(|n| old.get_mut(n as usize)) {
+                    *slot = index as u32;
+                }
+            }
+            old
+        };
+        Numbers {
+            nodes: inverse(&self.node_of, self.nodes.len()),
+            triangles: inverse(&self.triangle_of, self.triangles.len()),
+        }
+    }
+}
+
+impl Numbers {
+    fn in_arguments(&self, mut error: MeshError) -> MeshError {
+        let old = |of: &[u32], index: usize| of.get(index).map_or(index, |&i| i as usize);
+        match &mut error {
+            MeshError::ZeroArea { triangle, nodes, .. } => {
+                *triangle = old(&self.triangles, *triangle);
+                *nodes = nodes.map(|n| old(&self.nodes, n as usize) as u32);
+            }
+            MeshError::NotOrientable { triangle, .. } | MeshError::Unconnected { triangle, .. } => {
+                *triangle = old(&self.triangles, *triangle);
+            }
+            MeshError::NonManifoldEdge { edge, .. } => {
+                *edge = edge.map(|n| old(&self.nodes, n as usize) as u32);
+            }
+            MeshError::NonFiniteNode { node, .. } => *node = old(&self.nodes, *node),
+            _ => {}
+        }
+        error
+    }
+}
+
+/// Merges nodes and drops what is of no use.
+pub(crate) fn mend(
+    nodes: &[[f64; 3]],
+    triangles: &[[u32; 3]],
+    merge_m: f64,
+) -> Result<Mended, MeshError> {
+    for (what, count) in [("nodes", nodes.len()), ("triangles", triangles.len())] {
+        if u32::try_from(count).is_err() {
+            return Err(MeshError::TooLarge { what, count });
+        }
+    }
+    let twin_of = twins(nodes, merge_m);
+    let mut repairs = Repairs { merge_distance_m: merge_m, ..Repairs::default() };
+    let mut seen = HashSet::with_capacity(triangles.len());
+    let mut kept = Vec::with_capacity(triangles.len());
+    let mut triangle_of = Vec::with_capacity(triangles.len());
+    let mut named = vec![false; nodes.len()];
+    for (triangle, corners) in triangles.iter().enumerate() {
+        let mut merged = *corners;
+        for node in &mut merged {
+            let unknown = MeshError::UnknownNode { triangle, node: *node, nodes: nodes.len() };
+            *named.get_mut(*node as usize).ok_or(unknown)? = true;
+            *node = twin_of[*node as usize];
+        }
+        let mut key = merged;
+        key.sort_unstable();
+        let collapsed = key[0] == key[1] || key[1] == key[2];
+        if collapsed || !seen.insert(key) {
+            repairs.dropped_triangles += 1;
+            triangle_of.push(None);
+        } else {
+            triangle_of.push(Some(kept.len() as u32));
+            kept.push(merged);
+        }
+    }
+    let mut used = vec![false; nodes.len()];
+    kept.iter().flatten().for_each(|&n| used[n as usize] = true);
+    let (mut left, mut new) = (Vec::new(), vec![None; nodes.len()]);
+    for node in 0..nodes.len() {
+        if used[node] {
+            new[node] = Some(left.len() as u32);
+            left.push(nodes[node]);
+        }
+        let is_merged = twin_of[node] as usize != node;
+        repairs.merged_nodes += usize::from(is_merged && named[node]);
+        // twins come first, so theirs is known
+        new[node] = new[twin_of[node] as usize];
+        repairs.dropped_nodes += usize::from(!named[node]);
+    }
+    for corners in &mut kept {
+        *corners = corners.map(|n| new[n as usize].unwrap_or(0));
+    }
+    Ok(Mended { nodes: left, triangles: kept, node_of: new, triangle_of, repairs })
+}
+
+/// Nodes that have an earlier one within a distance.
+pub(crate) fn coincident(nodes: &[[f64; 3]], distance_m: f64) -> usize {
+    twins(nodes, distance_m)
+        .iter()
+        .enumerate()
+        .filter(|&(node, &twin)| node != twin as usize)
+        .count()
+}
+
+/// The longest side of the box around finite nodes, metres; 0 without any.
+pub(crate) fn size_m(nodes: &[[f64; 3]]) -> f64 {
+    let side = |k: usize| {
+        let along = nodes.iter().map(|p| p[k]).filter(|x| x.is_finite());
+        let low_high = |(low, high): (f64, f64), x: f64| (low.min(x), high.max(x));
+        let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), low_high);
+        (high - low).max(0.0)
+    };
+    side(0).max(side(1)).max(side(2))
+}
+
+/// For each node the first one within `distance_m` of it that has no such one itself.
+fn twins(nodes: &[[f64; 3]], distance_m: f64) -> Vec<u32> {
+    // cells so large that most nodes are far from their borders, so small that the nodes in one,
+    // which are a distance apart, stay few
+    let cell_m = 8.0 * distance_m;
+    let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
+    let mut twin_of = Vec::with_capacity(nodes.len());
+    for (index, node) in nodes.iter().enumerate() {
+        let merges = distance_m > 0.0 && node.iter().all(|x| x.is_finite());
+        let twin = merges.then(|| near(nodes, &cells, node, (distance_m, cell_m))).flatten();
+        twin_of.push(twin.unwrap_or(index as u32));
+        if merges && twin.is_none() {
+            cells.entry(node.map(|x| (x / cell_m).floor() as i64)).or_default().push(index as u32);
+        }
+    }
+    twin_of
+}
+
+/// The first node of the cells within a distance of a position.
+fn near(
+    nodes: &[[f64; 3]],
+    cells: &HashMap<[i64; 3], Vec<u32>>,
+    at: &[f64; 3],
+    (distance_m, cell_m): (f64, f64),
+) -> Option<u32> {
+    // casts saturate: beyond 1e18 cells all are one, which is slow but right
+    let low = at.map(|x| ((x - distance_m) / cell_m).floor() as i64);
+    let high = at.map(|x| ((x + distance_m) / cell_m).floor() as i64);
+    let mut first: Option<u32> = None;
+    for corner in 0..8 {
+        let bit = |k: usize| corner >> k & 1 == 1;
+        // where both ends lie in one cell it is looked at once
+        if (0..3).any(|k| bit(k) && low[k] == high[k]) {
+            continue;
+        }
+        let cell: [i64; 3] = std::array::from_fn(|k| if bit(k) { high[k] } else { low[k] });
+        for &node in cells.get(&cell).into_iter().flatten() {
+            let close = norm(sub(nodes[node as usize], *at)) <= distance_m;
+            if close && first.is_none_or(|f| node < f) {
+                first = Some(node);
+            }
+        }
+    }
+    first
+}
+
+/// Whether two orders of the same three nodes turn the same way.
+fn same_sense(a: [u32; 3], b: [u32; 3]) -> bool {
+    (0..3).any(|k| [a[k], a[(k + 1) % 3], a[(k + 2) % 3]] == b)
+}
