@@ -16,9 +16,9 @@ const FITTED_FLOPS_PER_S: f64 = 4e10;
 /// `docs/PERFORMANCE.md` with 16 electrodes at 2 000 and 20 000 nodes: sparse factorisation with
 /// its overhead per element, backward sweeps, priors per entry of the Jacobian, dense products and
 /// factorisations, stores to memory, reads from cache. Elsewhere they are a guide, not a promise.
-const FACTOR_FLOPS_PER_S: f64 = 8e9;
-const ELEMENT_S: f64 = 1.5e-7;
-const SWEEP_FLOPS_PER_S: f64 = 6e9;
+const FACTOR_FLOPS_PER_S: f64 = 1.5e10;
+const ELEMENT_S: f64 = 3.8e-8;
+const SWEEP_FLOPS_PER_S: f64 = 1e10;
 const PRIOR_ENTRY_S: f64 = 2.5e-8;
 const PRODUCT_FLOPS_PER_S: f64 = 3.3e10;
 const DECOMPOSITION_FLOPS_PER_S: f64 = 1.5e10;
