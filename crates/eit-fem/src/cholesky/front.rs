@@ -74,9 +74,23 @@ fn block<const W: usize>(
     Ok(W)
 }
 
-/// `rest -= L L^T` for the rows below the columns, the lower triangle in tiles.
+/// Zeros in the lower triangle of what will be left of a front, in whole tiles.
 #[inline(always)]
-pub(super) fn subtract(panel: &[f64], padded: usize, stride: usize, rest: &mut [f64]) {
+pub(super) fn clear(rest: &mut [f64], side: usize) {
+    for j in 0..side {
+        rest[j * side + j / LANES * LANES..(j + 1) * side].fill(0.0);
+    }
+}
+
+/// `rest -= L L^T` for the rows below the columns, the lower triangle in tiles; `rest = -L L^T` where
+/// nothing is there yet (`FRESH`).
+#[inline(always)]
+pub(super) fn subtract<const FRESH: bool>(
+    panel: &[f64],
+    padded: usize,
+    stride: usize,
+    rest: &mut [f64],
+) {
     let side = stride - padded;
     if side == 0 {
         return;
@@ -85,13 +99,13 @@ pub(super) fn subtract(panel: &[f64], padded: usize, stride: usize, rest: &mut [
         let column = column * LANES;
         let mut row = column;
         while row + WIDE <= side {
-            let sums = tile::<LANES, WIDE>(own, side, row);
+            let sums = if FRESH { [[0.0; WIDE]; LANES] } else { tile(own, side, row) };
             let sums = updated(panel, stride, padded + column, padded + row, sums);
             store(&sums, own, side, row);
             row += WIDE;
         }
         if row < side {
-            let sums = tile::<LANES, LANES>(own, side, row);
+            let sums = if FRESH { [[0.0; LANES]; LANES] } else { tile(own, side, row) };
             let sums = updated(panel, stride, padded + column, padded + row, sums);
             store(&sums, own, side, row);
         }

@@ -149,9 +149,11 @@ impl WithSimd for Factorise<'_> {
             let (waiting, free) = stack.split_at_mut(top);
             let side = node.rest();
             let rest = &mut free[..side * side];
-            rest.fill(0.0);
             let mut base = top;
             let children = &symbolic.children[node.children.0..node.children.1];
+            if !children.is_empty() {
+                front::clear(rest, side);
+            }
             for &child in children.iter().rev() {
                 let child = &symbolic.fronts[child as usize];
                 let child_side = child.rest();
@@ -162,7 +164,11 @@ impl WithSimd for Factorise<'_> {
                 front::add_child(left, child_side, places, panel, rest);
             }
             front::eliminate(panel, node.columns, stride).map_err(|c| node.first + c)?;
-            front::subtract(panel, node.padded, stride, rest);
+            if children.is_empty() {
+                front::subtract::<true>(panel, node.padded, stride, rest);
+            } else {
+                front::subtract::<false>(panel, node.padded, stride, rest);
+            }
             if base < top {
                 stack.copy_within(top..top + side * side, base);
             }
