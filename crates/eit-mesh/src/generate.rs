@@ -147,7 +147,8 @@ const NODES_PER_SQUARE_EDGE: f64 = 1.154_700_538_379_251_7;
 ///
 /// Every electrode end is a node on the true outline, and so is every corner. On a disc of
 /// radius R, rim edges of length h are chords, so an electrode's mesh length falls short of its
-/// width by the fraction h^2 / (24 R^2), and the area by about four times that.
+/// width by the fraction h^2 / (24 R^2), and the area by about four times that. The mesh knows the
+/// middle of each arc ([`Mesh::midpoint_m`]), for curved elements.
 /// The same input gives the same mesh, bit for bit.
 ///
 /// # Errors
@@ -181,5 +182,6 @@ pub fn generate(
     let triangulation = smooth::smooth(filled, rim.points.len(), &field, settings.smoothing_rounds);
     let nodes = triangulation.points.iter().map(|p| [p[0], p[1], 0.0]).collect();
     let surface = Surface::new(nodes, triangulation.triangles)?;
-    Mesh::new(surface, rim.electrodes.into_iter().map(Electrode::Rim).collect())
+    let mesh = Mesh::new(surface, rim.electrodes.into_iter().map(Electrode::Rim).collect())?;
+    Ok(mesh.with_arcs(&rim.arc_middles))
 }
