@@ -17,6 +17,8 @@
 //! added. Nothing here is shared with the finite element code.
 
 use crate::FemError;
+use crate::element::Elements;
+use crate::forward::check_impedances;
 use faer::prelude::*;
 use faer::{Mat, Side};
 use ndarray::{Array2, ArrayView2};
@@ -52,15 +54,37 @@ impl DiscSeries {
         &self,
         currents_a: ArrayView2<'_, f64>,
     ) -> Result<Array2<f64>, FemError> {
+        let impedance = vec![self.contact_impedance_ohm_m; self.electrode_angles_rad.len()];
+        self.electrode_potentials_with(currents_a, &impedance)
+    }
+
+    /// [`DiscSeries::electrode_potentials`] with a contact impedance for each electrode, ohm metre, in
+    /// place of [`DiscSeries::contact_impedance_ohm_m`].
+    ///
+    /// # Errors
+    /// Those of [`DiscSeries::electrode_potentials`]; impedances that are not one per electrode, above
+    /// zero and finite.
+    pub fn electrode_potentials_with(
+        &self,
+        currents_a: ArrayView2<'_, f64>,
+        contact_impedance_ohm_m: &[f64],
+    ) -> Result<Array2<f64>, FemError> {
         self.validate(currents_a.ncols())?;
+        check_impedances(Elements::Linear, currents_a.ncols(), contact_impedance_ohm_m)?;
+        let limit = |z: &&f64| **z == 0.0 || z.is_infinite();
+        if let Some(&value) = contact_impedance_ohm_m.iter().find(limit) {
+            let (quantity, must) = ("contact_impedance_ohm_m", "above zero and finite");
+            return Err(FemError::OutOfRange { quantity, value, must });
+        }
         let (electrodes, terms) = (self.electrode_angles_rad.len(), self.degree + 1);
         let coupling = self.coupling();
         let at = |l: usize, m: usize| l * terms + m;
-        let mass = |m: usize| 2.0 * self.contact_impedance_ohm_m / (2 * m + 1) as f64;
+        let mass = |l: usize, m: usize| 2.0 * contact_impedance_ohm_m[l] / (2 * m + 1) as f64;
         let unknowns: Vec<usize> =
             (0..electrodes).flat_map(|l| (1..terms).map(move |m| at(l, m))).collect();
         let matrix = Mat::from_fn(unknowns.len(), unknowns.len(), |i, j| {
-            let diagonal = if i == j { mass(unknowns[i] % terms) } else { 0.0 };
+            let own = || mass(unknowns[i] / terms, unknowns[i] % terms);
+            let diagonal = if i == j { own() } else { 0.0 };
             coupling[(unknowns[i], unknowns[j])] + diagonal
         });
         let factor = matrix.llt(Side::Lower).map_err(|_| FemError::OutOfRange {
@@ -80,7 +104,7 @@ impl DiscSeries {
             unknowns.iter().enumerate().for_each(|(i, &u)| density[(u, 0)] = rest[(i, 0)]);
             let mean = &coupling * &density;
             for l in 0..electrodes {
-                let contact = self.contact_impedance_ohm_m * density[(at(l, 0), 0)];
+                let contact = contact_impedance_ohm_m[l] * density[(at(l, 0), 0)];
                 row[l] = 0.5 * mean[(at(l, 0), 0)] + contact;
             }
             let mean = row.sum() / electrodes as f64;

@@ -4,34 +4,43 @@
 //! ground (0 V). Unknowns stand in elimination order from the start, so that nothing is permuted
 //! per solve. The matrix is kept as its lower triangle by columns.
 //!
-//! Cost of new values: 9 multiply-adds and 6 scattered additions a triangle, after copying the
-//! constant electrode part; 20 000 nodes: 0.3 MFLOP, 1.5 MB read, 1 MB scattered.
+//! Cost of new values: 9 multiply-adds and 6 scattered additions a linear triangle (45 and 21 a
+//! quadratic one), after copying the constant electrode part; 20 000 nodes, linear: 0.3 MFLOP,
+//! 1.5 MB read, 1 MB scattered.
 
 use crate::electrode_model::Contact;
+use crate::element::{Elements, pair};
 use crate::geometry::Geometry;
 
-/// Lower triangle by columns, and where each element's six entries go.
+/// Lower triangle by columns, and where each element's entries go.
 #[derive(Debug)]
 pub(crate) struct Assembly {
     /// Start of each column.
     pub column_starts: Vec<u32>,
     /// Row of each entry, ascending within a column.
     pub rows: Vec<u32>,
-    /// For each triangle: entries (0,1), (1,2), (2,0), then diagonals 0, 1, 2.
-    entries: Vec<[u32; 6]>,
+    elements: Elements,
+    /// For each element: entries of its pairs of nodes in the order of [`pair`], then diagonals.
+    entries: Vec<u32>,
     /// Entry of each electrode term, in the order of `Contact::values`.
     contact_entries: Vec<u32>,
 }
 
 impl Assembly {
-    /// Builds the pattern. `triangles` and `contacts` name unknowns in elimination order.
-    pub fn new(unknowns: usize, triangles: &[[u32; 3]], contacts: &[Contact]) -> Self {
-        let pairs = |t: &[u32; 3]| {
-            [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]], [t[0], t[0]], [t[1], t[1]], [t[2], t[2]]]
-        };
+    /// Builds the pattern. `element_nodes` (element after element) and `contacts` name unknowns in
+    /// elimination order.
+    pub fn new(
+        unknowns: usize,
+        elements: Elements,
+        element_nodes: &[u32],
+        contacts: &[Contact],
+    ) -> Self {
+        let element_pairs = || element_nodes.chunks_exact(elements.nodes()).flat_map(pairs);
         // a pair as (column, row) of the lower triangle
         let lower = |[i, j]: [u32; 2]| (i.min(j), i.max(j));
-        let mut places: Vec<(u32, u32)> = triangles.iter().flat_map(pairs).map(lower).collect();
+        let count = element_nodes.len() / elements.nodes() * (elements.pairs() + elements.nodes());
+        let mut places: Vec<(u32, u32)> = Vec::with_capacity(count);
+        places.extend(element_pairs().map(lower));
         places.extend(contacts.iter().flat_map(|c| c.pairs()).map(lower));
         places.sort_unstable();
         places.dedup();
@@ -50,10 +59,11 @@ impl Assembly {
             // present by construction: both lists went into `places`
             from + column.partition_point(|p| *p < place) as u32
         };
-        let entries = triangles.iter().map(|t| pairs(t).map(find)).collect();
+        let mut entries = Vec::with_capacity(count);
+        entries.extend(element_pairs().map(find));
         let contact_entries = contacts.iter().flat_map(|c| c.pairs()).map(find).collect();
         let rows = places.iter().map(|p| p.1).collect();
-        Self { column_starts, rows, entries, contact_entries }
+        Self { column_starts, rows, elements, entries, contact_entries }
     }
 
     /// Adds up the electrode part of the values: it does not change with the conductivity.
@@ -85,17 +95,34 @@ impl Assembly {
     /// Writes the values for one conductivity per triangle, siemens.
     pub fn fill(&self, geometry: &Geometry, conductivity_s: &[f64], values: &mut [f64]) {
         values.copy_from_slice(&geometry.constant);
-        for ((entry, stiffness), sigma) in
-            self.entries.iter().zip(&geometry.stiffness).zip(conductivity_s)
-        {
-            let [k01, k12, k20] = stiffness.map(|k| sigma * k);
-            let [e01, e12, e20, e0, e1, e2] = entry.map(|e| e as usize);
-            values[e01] += k01;
-            values[e12] += k12;
-            values[e20] += k20;
-            values[e0] -= k01 + k20;
-            values[e1] -= k01 + k12;
-            values[e2] -= k12 + k20;
+        match self.elements {
+            Elements::Linear => self.add::<3, 3, 6>(geometry, conductivity_s, values),
+            Elements::Quadratic => self.add::<6, 15, 21>(geometry, conductivity_s, values),
+        }
+    }
+
+    /// Adds elements of `NODES` nodes, `PAIRS` pairs of them and `ENTRIES` matrix entries.
+    fn add<const NODES: usize, const PAIRS: usize, const ENTRIES: usize>(
+        &self,
+        geometry: &Geometry,
+        conductivity_s: &[f64],
+        values: &mut [f64],
+    ) {
+        let (entries, _) = self.entries.as_chunks::<ENTRIES>();
+        let (stiffness, _) = geometry.stiffness.as_chunks::<PAIRS>();
+        for ((entry, stiffness), sigma) in entries.iter().zip(stiffness).zip(conductivity_s) {
+            let mut sums = [0.0; NODES];
+            for j in 1..NODES {
+                for i in 0..j {
+                    let k = sigma * stiffness[pair(i, j)];
+                    values[entry[pair(i, j)] as usize] += k;
+                    sums[i] += k;
+                    sums[j] += k;
+                }
+            }
+            for (diagonal, sum) in entry[PAIRS..].iter().zip(sums) {
+                values[*diagonal as usize] -= sum;
+            }
         }
     }
 
@@ -120,20 +147,31 @@ impl Assembly {
 
     /// Neighbour lists of the whole symmetric pattern among the first `count` unknowns, without
     /// the diagonal: what a fill-reducing ordering reads.
-    pub fn adjacency(triangles: &[[u32; 3]], contacts: &[Contact], count: usize) -> Adjacency {
-        let mut links: Vec<(u32, u32)> = Vec::with_capacity(6 * triangles.len());
+    pub fn adjacency(
+        elements: Elements,
+        element_nodes: &[u32],
+        contacts: &[Contact],
+        count: usize,
+    ) -> Adjacency {
+        let triangles = element_nodes.len() / elements.nodes();
+        let mut links: Vec<(u32, u32)> = Vec::with_capacity(2 * elements.pairs() * triangles);
         let mut join = |i: u32, j: u32| {
             if i != j && (i.max(j) as usize) < count {
                 links.push((i, j));
                 links.push((j, i));
             }
         };
-        for t in triangles {
-            (0..3).for_each(|k| join(t[k], t[(k + 1) % 3]));
-        }
+        let element_pairs = element_nodes.chunks_exact(elements.nodes()).flat_map(pairs);
+        element_pairs.for_each(|[i, j]| join(i, j));
         contacts.iter().flat_map(|c| c.pairs()).for_each(|[i, j]| join(i, j));
         Adjacency::from_links(count, links)
     }
+}
+
+/// Pairs of an element's nodes: different ones in the order of [`pair`], then each with itself.
+fn pairs(nodes: &[u32]) -> impl Iterator<Item = [u32; 2]> {
+    let different = (1..nodes.len()).flat_map(move |j| (0..j).map(move |i| [nodes[i], nodes[j]]));
+    different.chain(nodes.iter().map(|&n| [n, n]))
 }
 
 /// A graph in compressed form.
@@ -159,9 +197,4 @@ impl Adjacency {
         (0..count).for_each(|k| starts[k + 1] += starts[k]);
         Self { starts, neighbours: links.into_iter().map(|l| l.1).collect() }
     }
-}
-
-/// Renumbers unknowns: `new_from_old[old] = new`.
-pub(crate) fn renumber(triangles: &[[u32; 3]], new_from_old: &[u32]) -> Vec<[u32; 3]> {
-    triangles.iter().map(|t| t.map(|n| new_from_old[n as usize])).collect()
 }

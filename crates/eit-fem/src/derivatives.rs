@@ -22,6 +22,7 @@ mod vector;
 pub use displacement::Displacement;
 pub use electrode_motion::ElectrodeMotion;
 
+use crate::element::Elements;
 use crate::fields::{Fields, basis_field};
 use crate::forward::ForwardModel;
 use crate::geometry::Geometry;
@@ -46,7 +47,8 @@ impl Solution<'_> {
     /// of fields, `m` corners a part.
     ///
     /// # Errors
-    /// [`FemError::ContactLimit`] for a shunt or an ideal current source.
+    /// [`FemError::ContactLimit`] for a shunt or an ideal current source;
+    /// [`FemError::LinearElementsOnly`].
     pub fn contact_jacobian(&mut self) -> Result<Array2<f64>, FemError> {
         let protocol = self.solved().model.protocol();
         let mut jacobian = Array2::zeros((protocol.measurements(), protocol.electrodes()));
@@ -64,6 +66,7 @@ impl Solution<'_> {
         jacobian: ArrayViewMut2<'_, f64>,
     ) -> Result<(), FemError> {
         let solved = self.solved();
+        check_linear(solved.model, "derivatives with respect to contact impedances")?;
         let columns = ("columns of the Jacobian (one per electrode)", solved.model.contacts.len());
         check_shape(solved.model, &jacobian, columns)?;
         contact::fill(&solved, jacobian)
@@ -87,7 +90,8 @@ impl Solution<'_> {
     /// product of fields. Allocates lists of the triangles that are strained.
     ///
     /// # Errors
-    /// A displacement of a node that does not exist, or that is not finite.
+    /// A displacement of a node that does not exist, or that is not finite;
+    /// [`FemError::LinearElementsOnly`].
     pub fn movement_jacobian(
         &mut self,
         displacements: &[Displacement],
@@ -109,11 +113,19 @@ impl Solution<'_> {
         jacobian: ArrayViewMut2<'_, f64>,
     ) -> Result<(), FemError> {
         let solved = self.solved();
+        check_linear(solved.model, "derivatives along displacements")?;
         let columns = ("columns of the Jacobian (one per displacement)", displacements.len());
         check_shape(solved.model, &jacobian, columns)?;
         displacements.iter().try_for_each(|d| d.check(solved.model.unknown_of_node.len()))?;
         movement::fill(&solved, displacements, jacobian);
         Ok(())
+    }
+}
+
+fn check_linear(model: &ForwardModel, what: &'static str) -> Result<(), FemError> {
+    match model.kind {
+        Elements::Linear => Ok(()),
+        Elements::Quadratic => Err(FemError::LinearElementsOnly { what }),
     }
 }
 

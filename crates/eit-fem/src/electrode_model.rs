@@ -10,15 +10,22 @@
 //! and the total current `integral of (U - u) / z` is the prescribed one. (Cheng, Isaacson,
 //! Newell, Gisser 1989; Somersalo, Cheney, Isaacson 1992.) For P1 elements the integrals over an
 //! edge of length `h` are `h/3` (diagonal), `h/6`, `h/2`; over a triangle of area `A` they are
-//! `A/6`, `A/12`, `A/3`.
+//! `A/6`, `A/12`, `A/3`; for quadratic elements, straight or curved, they are taken by quadrature.
 
 use crate::element::area_m2;
+use crate::middles::Middles;
+use crate::quadratic::{edge_points, triangle_points};
 use eit_mesh::{Electrode, Surface};
+
+/// Nodes of a quadratic triangle.
+const MOST_NODES: usize = 6;
 
 /// One electrode: its parts as lists of unknowns, and its potential's unknown.
 #[derive(Debug, Clone)]
 pub(crate) struct Contact {
-    /// Ends of rim edges, or corners of triangles.
+    /// Whether parts are triangles, else edges.
+    patch: bool,
+    /// Nodes of rim edges, or of triangles.
     parts: Vec<Vec<u32>>,
     /// Unknown of the electrode potential; `None` for the grounded electrode.
     potential: Option<u32>,
@@ -26,14 +33,25 @@ pub(crate) struct Contact {
 
 impl Contact {
     /// An electrode of a surface; `potential` is its unknown.
-    pub fn new(surface: &Surface, electrode: &Electrode, potential: Option<u32>) -> Self {
-        let parts = match electrode {
-            Electrode::Rim(edges) => edges.iter().map(|e| e.to_vec()).collect(),
+    pub fn new(
+        surface: &Surface,
+        electrode: &Electrode,
+        middles: &Middles,
+        potential: Option<u32>,
+    ) -> Self {
+        let nodes = |corners: &[u32]| {
+            let mut nodes = Vec::with_capacity(2 * corners.len());
+            middles.extend(corners, &mut nodes);
+            nodes
+        };
+        let (patch, parts) = match electrode {
+            Electrode::Rim(edges) => (false, edges.iter().map(|e| nodes(e)).collect()),
             Electrode::Patch(triangles) => {
-                triangles.iter().map(|&t| surface.triangles()[t as usize].to_vec()).collect()
+                let corners = triangles.iter().map(|&t| &surface.triangles()[t as usize]);
+                (true, corners.map(|t| nodes(t)).collect())
             }
         };
-        Self { parts, potential }
+        Self { patch, parts, potential }
     }
 
     /// The same electrode with renumbered nodes.
@@ -45,7 +63,7 @@ impl Contact {
         contact
     }
 
-    /// Ends of rim edges, or corners of triangles.
+    /// Nodes of rim edges, or of triangles.
     pub fn parts(&self) -> &[Vec<u32>] {
         &self.parts
     }
@@ -70,24 +88,77 @@ impl Contact {
     /// metre (rim) or ohm square metre (patch).
     pub fn values(&self, positions: &[[f64; 3]], impedance: f64, mut visit: impl FnMut(f64)) {
         for nodes in &self.parts {
-            let (count, scale) = (nodes.len() as f64, measure(nodes, positions) / impedance);
-            // mean of a product of hat functions: 2 / (d (d+1)) on, 1 / (d (d+1)) off the diagonal
-            let mass = scale / (count * (count + 1.0));
+            let part = self.integrals(nodes, positions, impedance);
             for k in 0..nodes.len() {
-                visit(2.0 * mass);
-                (0..k).for_each(|_| visit(mass));
+                visit(part.products[k][k]);
+                part.products[k][..k].iter().for_each(|&mass| visit(mass));
                 if self.potential.is_some() {
-                    visit(-scale / count);
+                    visit(-part.means[k]);
                 }
             }
             if self.potential.is_some() {
-                visit(scale);
+                visit(part.measure);
             }
+        }
+    }
+
+    fn integrals(&self, nodes: &[u32], positions: &[[f64; 3]], impedance: f64) -> Integrals {
+        let place = |n: u32| positions[n as usize];
+        match (self.patch, nodes) {
+            (false, &[a, b, middle]) => {
+                Integrals::of_points(edge_points([a, b, middle].map(place)), impedance)
+            }
+            (true, &[a, b, c, d, e, f]) => {
+                Integrals::of_points(triangle_points([a, b, c, d, e, f].map(place)), impedance)
+            }
+            _ => Integrals::linear(nodes.len(), measure(nodes, positions) / impedance),
         }
     }
 }
 
-/// Length of an edge, metres, or area of a triangle, square metres.
+/// Integrals over a part of shape functions, over the impedance.
+struct Integrals {
+    products: [[f64; MOST_NODES]; MOST_NODES],
+    means: [f64; MOST_NODES],
+    measure: f64,
+}
+
+impl Integrals {
+    /// Of hat functions on an edge or triangle of `count` nodes; `scale` is its measure over the
+    /// impedance.
+    fn linear(count: usize, scale: f64) -> Self {
+        let count = count as f64;
+        // mean of a product of hat functions: 2 / (d (d+1)) on, 1 / (d (d+1)) off the diagonal
+        let mass = scale / (count * (count + 1.0));
+        let mut products = [[mass; MOST_NODES]; MOST_NODES];
+        (0..MOST_NODES).for_each(|k| products[k][k] = 2.0 * mass);
+        Self { products, means: [scale / count; MOST_NODES], measure: scale }
+    }
+
+    /// Of shape functions by quadrature: their values at points, and the measure of each.
+    fn of_points<const NODES: usize>(
+        points: impl Iterator<Item = ([f64; NODES], f64)>,
+        impedance: f64,
+    ) -> Self {
+        let mut part = Self {
+            products: [[0.0; MOST_NODES]; MOST_NODES],
+            means: [0.0; MOST_NODES],
+            measure: 0.0,
+        };
+        for (values, measure) in points {
+            let scale = measure / impedance;
+            for (k, value) in values.iter().enumerate() {
+                let products = part.products[k].iter_mut().zip(&values);
+                products.for_each(|(product, other)| *product += scale * value * other);
+                part.means[k] += scale * value;
+            }
+            part.measure += scale;
+        }
+        part
+    }
+}
+
+/// Length of a straight edge, metres, or area of a triangle, square metres.
 pub(crate) fn measure(nodes: &[u32], positions: &[[f64; 3]]) -> f64 {
     let place = |n: &u32| positions[*n as usize];
     match nodes {
@@ -96,7 +167,7 @@ pub(crate) fn measure(nodes: &[u32], positions: &[[f64; 3]]) -> f64 {
             (0..3).map(|k| (b[k] - a[k]).powi(2)).sum::<f64>().sqrt()
         }
         [a, b, c] => area_m2([place(a), place(b), place(c)]),
-        // parts are edges or triangles
+        // linear parts are edges or triangles
         _ => 0.0,
     }
 }

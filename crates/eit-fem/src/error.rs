@@ -150,6 +150,39 @@ pub enum FemError {
         /// What was asked for.
         required: f64,
     },
+    /// An accuracy that quadratic elements do not reach.
+    #[error(
+        "the voltages of quadratic elements may have lost {expected:e} of the largest, and {required:e} \
+         was required: only linear elements have the path that keeps more"
+    )]
+    PlainPathOnly {
+        /// Expected loss relative to the largest voltage.
+        expected: f64,
+        /// What was asked for.
+        required: f64,
+    },
+    /// A limit of the contact impedance with elements that do not know it.
+    #[error(
+        "the contact impedance of electrode {electrode} is {value}: quadratic elements need it above \
+         zero and finite; take linear elements, or a small or large value"
+    )]
+    LimitOfImpedance {
+        /// 1-based number.
+        electrode: usize,
+        /// Its value, ohm metre (rim) or ohm square metre (patch).
+        value: f64,
+    },
+    /// A curved element that folds over.
+    #[error(
+        "triangle {triangle} folds over (stretched by {stretch} at one place): the middles of its \
+         edges are too far off; use shorter edges where the skin is curved"
+    )]
+    FoldedElement {
+        /// Triangle index.
+        triangle: usize,
+        /// Least area of the map over that of the straight triangle.
+        stretch: f64,
+    },
     /// Every node of an electrode is on other electrodes too.
     #[error(
         "electrode {electrode} has no node of its own: accurate solves need a gap beside it, or an \
@@ -194,6 +227,12 @@ pub enum FemError {
         node: usize,
         /// Nodes there are.
         nodes: usize,
+    },
+    /// Asked of a model of quadratic elements.
+    #[error("{what} of quadratic elements: there for linear elements only")]
+    LinearElementsOnly {
+        /// What was asked for.
+        what: &'static str,
     },
     /// A contact at a limit, where voltages have no derivative with respect to its impedance.
     #[error(

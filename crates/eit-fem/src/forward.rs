@@ -10,13 +10,15 @@
 //! [`Solution`] borrows both.
 //!
 //! Cost of one solve at `n` nodes with factor of `f` entries: assembly 15 n flops, factorisation
-//! (dominant; 2.5 MFLOP at 2 000 nodes and 93 MFLOP at 20 000), then `electrodes^2` for all
+//! (dominant; linear elements: 2.5 MFLOP at 2 000 nodes and 93 MFLOP at 20 000), then `electrodes^2` for all
 //! voltages. Fields, needed by the Jacobian only: `2 f` flops per independent pattern.
 
-use crate::assembly::{Assembly, renumber};
+use crate::assembly::Assembly;
 use crate::electrode_model::Contact;
+use crate::element::Elements;
 use crate::fields::Fields;
 use crate::geometry::Geometry;
+use crate::middles::Middles;
 use crate::solver::{Solver, order};
 use crate::workspace::Patterns;
 use crate::{FemError, Protocol, Solution, Workspace};
@@ -35,9 +37,11 @@ pub struct ForwardModel {
     pub(crate) geometry: Geometry,
     /// Electrodes, in unknowns.
     pub(crate) contacts: Vec<Contact>,
-    /// Triangles as unknowns in elimination order.
-    pub(crate) triangles: Vec<[u32; 3]>,
-    /// Unknown of each mesh node.
+    pub(crate) kind: Elements,
+    pub(crate) middles: Middles,
+    /// Nodes of element after element, as unknowns in elimination order.
+    pub(crate) element_nodes: Vec<u32>,
+    /// Unknown of each mesh node, then of each middle.
     pub(crate) unknown_of_node: Vec<u32>,
     pub(crate) assembly: Assembly,
     pub(crate) solver: Solver,
@@ -46,7 +50,7 @@ pub struct ForwardModel {
 /// Size and work of a model, known before any number is computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModelCost {
-    /// Node and electrode potentials.
+    /// Node (quadratic elements: and middle) and electrode potentials.
     pub unknowns: usize,
     /// Stored entries of the Cholesky factor, 8 bytes each.
     pub factor_entries: usize,
@@ -56,10 +60,12 @@ pub struct ModelCost {
     pub field_solves: usize,
     /// Products of fields in the Jacobian; reciprocal measurements share one.
     pub field_products: usize,
+    /// Floating point operations of those products for one Jacobian.
+    pub product_flops: f64,
 }
 
 impl ForwardModel {
-    /// Prepares the model: checks, ordering and symbolic factorisation.
+    /// Prepares the model with linear elements: checks, ordering and symbolic factorisation.
     ///
     /// `contact_impedance` is one value per electrode of the mesh, ohm metre for rim electrodes
     /// and ohm square metre for patches. Zero is a shunt (the skin under the electrode has one
@@ -73,9 +79,28 @@ impl ForwardModel {
         protocol: &Protocol,
         contact_impedance: &[f64],
     ) -> Result<Self, FemError> {
-        check_electrodes(mesh, protocol, contact_impedance)?;
+        Self::with_elements(mesh, protocol, contact_impedance, Elements::Linear)
+    }
+
+    /// [`ForwardModel::new`] with a kind of elements.
+    ///
+    /// Quadratic elements have four times the nodes of linear ones and are worth it on meshes that are
+    /// graded to the ends of electrodes (`docs/PERFORMANCE.md`). They follow curved rims and curved
+    /// skins as far as the mesh knows them ([`Mesh::midpoint_m`]).
+    ///
+    /// # Errors
+    /// Those of [`ForwardModel::new`]; with quadratic elements impedances of zero and infinity, and
+    /// elements that the curve of an edge turns over.
+    pub fn with_elements(
+        mesh: &Mesh,
+        protocol: &Protocol,
+        contact_impedance: &[f64],
+        elements: Elements,
+    ) -> Result<Self, FemError> {
+        check_electrodes(mesh, protocol, contact_impedance, elements)?;
         let surface = mesh.surface();
-        let nodes = surface.nodes().len();
+        let middles = Middles::new(mesh, elements);
+        let nodes = middles.all_nodes();
         let ground = mesh.electrodes().len() - 1;
         let contacts: Vec<Contact> = mesh
             .electrodes()
@@ -83,25 +108,29 @@ impl ForwardModel {
             .enumerate()
             .map(|(l, electrode)| {
                 let potential = (l != ground).then_some((nodes + l) as u32);
-                Contact::new(surface, electrode, potential)
+                Contact::new(surface, electrode, &middles, potential)
             })
             .collect();
-        let graph = Assembly::adjacency(surface.triangles(), &contacts, nodes);
+        let mut element_nodes = Vec::with_capacity(surface.triangles().len() * elements.nodes());
+        surface.triangles().iter().for_each(|t| middles.extend(t, &mut element_nodes));
+        let graph = Assembly::adjacency(elements, &element_nodes, &contacts, nodes);
         let unknown_of_node = order(&graph)?;
         let contacts: Vec<Contact> =
             contacts.iter().map(|c| c.renumbered(&unknown_of_node)).collect();
-        let triangles = renumber(surface.triangles(), &unknown_of_node);
-        let assembly = Assembly::new(nodes + ground, &triangles, &contacts);
+        element_nodes.iter_mut().for_each(|node| *node = unknown_of_node[*node as usize]);
+        let assembly = Assembly::new(nodes + ground, elements, &element_nodes, &contacts);
         let solver = Solver::new(&assembly, nodes);
-        let (elements, entries) = (triangles.len(), assembly.entry_count());
-        let mut geometry = Geometry::empty(elements, entries, nodes, ground + 1);
+        let pairs = surface.triangles().len() * elements.pairs();
+        let mut geometry = Geometry::empty(pairs, assembly.entry_count(), nodes, ground + 1);
         let mut model = Self {
             protocol: protocol.clone(),
             patterns: Patterns::new(protocol),
             fields: Fields::new(protocol),
             geometry: Geometry::empty(0, 0, 0, 0),
             contacts,
-            triangles,
+            kind: elements,
+            middles,
+            element_nodes,
             unknown_of_node,
             assembly,
             solver,
@@ -116,9 +145,14 @@ impl ForwardModel {
         &self.protocol
     }
 
+    /// The kind of elements.
+    pub fn element_kind(&self) -> Elements {
+        self.kind
+    }
+
     /// Number of elements: the length of a conductivity.
     pub fn elements(&self) -> usize {
-        self.triangles.len()
+        self.element_nodes.len() / self.kind.nodes()
     }
 
     /// Node and electrode potentials.
@@ -128,12 +162,16 @@ impl ForwardModel {
 
     /// What solves of this model cost.
     pub fn cost(&self) -> ModelCost {
+        let products = self.fields.products.len();
+        // a multiplication for each component, and one addition less
+        let per_element = (2 * self.kind.components() - 1) * products;
         ModelCost {
             unknowns: self.unknowns(),
             factor_entries: self.solver.factor_entries(),
             factor_flops: self.solver.factor_flops(),
             field_solves: self.fields.basis.nrows(),
-            field_products: self.fields.products.len(),
+            field_products: products,
+            product_flops: per_element as f64 * self.elements() as f64,
         }
     }
 
@@ -169,7 +207,8 @@ impl ForwardModel {
     ///
     /// # Errors
     /// Those of [`ForwardModel::solve`]; an accuracy that is not between `4 eps` and 1;
-    /// [`FemError::AccuracyNotReached`]; electrodes without a node of their own.
+    /// [`FemError::AccuracyNotReached`]; electrodes without a node of their own; with quadratic
+    /// elements [`FemError::PlainPathOnly`] where the first path does not suffice.
     pub fn solve_to<'a>(
         &'a self,
         conductivity_s: &[f64],
@@ -198,11 +237,11 @@ impl ForwardModel {
     }
 
     pub(crate) fn check_conductivity(&self, conductivity_s: &[f64]) -> Result<(), FemError> {
-        if conductivity_s.len() != self.triangles.len() {
+        if conductivity_s.len() != self.elements() {
             return Err(FemError::WrongLength {
                 what: "conductivity (one per element)",
                 found: conductivity_s.len(),
-                wanted: self.triangles.len(),
+                wanted: self.elements(),
             });
         }
         let bad = |s: &f64| !(s.is_finite() && *s > 0.0);
@@ -220,12 +259,13 @@ fn check_electrodes(
     mesh: &Mesh,
     protocol: &Protocol,
     contact_impedance: &[f64],
+    elements: Elements,
 ) -> Result<(), FemError> {
     let count = mesh.electrodes().len();
     if protocol.electrodes() != count {
         return Err(FemError::ElectrodeCount { protocol: protocol.electrodes(), mesh: count });
     }
-    check_impedances(count, contact_impedance)
+    check_impedances(elements, count, contact_impedance)
 }
 
 /// A wish that `f64` results can meet.
@@ -240,8 +280,12 @@ pub(crate) fn check_accuracy(required_accuracy: f64) -> Result<(), FemError> {
     })
 }
 
-/// One impedance per electrode, not negative.
-pub(crate) fn check_impedances(count: usize, contact_impedance: &[f64]) -> Result<(), FemError> {
+/// One impedance per electrode, not negative; quadratic elements: above zero and finite.
+pub(crate) fn check_impedances(
+    elements: Elements,
+    count: usize,
+    contact_impedance: &[f64],
+) -> Result<(), FemError> {
     if contact_impedance.len() != count {
         return Err(FemError::WrongLength {
             what: "contact impedance (one per electrode)",
@@ -250,13 +294,16 @@ pub(crate) fn check_impedances(count: usize, contact_impedance: &[f64]) -> Resul
         });
     }
     // not a number is not at least zero
-    match contact_impedance
-        .iter()
-        .position(|z| !matches!(z.partial_cmp(&0.0), Some(Equal | Greater)))
-    {
+    let bad = |z: &f64| !matches!(z.partial_cmp(&0.0), Some(Equal | Greater));
+    if let Some(l) = contact_impedance.iter().position(bad) {
+        let (electrode, value) = (l + 1, contact_impedance[l]);
+        return Err(FemError::BadContactImpedance { electrode, value });
+    }
+    let limit = |z: &f64| elements == Elements::Quadratic && (*z == 0.0 || z.is_infinite());
+    match contact_impedance.iter().position(limit) {
         None => Ok(()),
         Some(l) => {
-            Err(FemError::BadContactImpedance { electrode: l + 1, value: contact_impedance[l] })
+            Err(FemError::LimitOfImpedance { electrode: l + 1, value: contact_impedance[l] })
         }
     }
 }

@@ -7,9 +7,9 @@
 //!
 //! Results are those of a model built on the moved mesh (`tests/geometry.rs`: the same bits).
 
-use crate::element::{Element, area_m2};
+use crate::element::{self, Elements, area_m2};
 use crate::forward::{ForwardModel, check_accuracy, check_impedances};
-use crate::{FemError, Solution, Workspace};
+use crate::{FemError, Solution, Workspace, quadratic};
 
 /// Triangles whose area is below this fraction of their longest edge squared are empty, as for
 /// [`eit_mesh::Surface`]: no digit of a smaller area is right.
@@ -21,10 +21,10 @@ const ZERO_AREA: f64 = 4.0 * f64::EPSILON;
 /// allocates nothing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Geometry {
-    /// Scaled gradients of each triangle.
-    pub(crate) elements: Vec<Element>,
-    /// Off-diagonal unit stiffness of each triangle.
-    pub(crate) stiffness: Vec<[f64; 3]>,
+    /// Coefficients of the scaled gradients, element after element.
+    pub(crate) elements: Vec<f64>,
+    /// Off-diagonal unit stiffness, element after element.
+    pub(crate) stiffness: Vec<f64>,
     /// Electrode part of the matrix values.
     pub(crate) constant: Vec<f64>,
     /// Place of each unknown that is a node, metres.
@@ -34,12 +34,11 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// Memory without numbers.
-    pub(crate) fn empty(elements: usize, entries: usize, nodes: usize, electrodes: usize) -> Self {
-        let none = Element { alpha: 0.0, beta: 0.0, gamma: 0.0 };
+    /// Memory without numbers; `pairs` of nodes in all elements.
+    pub(crate) fn empty(pairs: usize, entries: usize, nodes: usize, electrodes: usize) -> Self {
         Self {
-            elements: vec![none; elements],
-            stiffness: vec![[0.0; 3]; elements],
+            elements: vec![0.0; pairs],
+            stiffness: vec![0.0; pairs],
             constant: vec![0.0; entries],
             positions: vec![[0.0; 3]; nodes],
             impedance: Vec::with_capacity(electrodes),
@@ -53,8 +52,9 @@ impl Geometry {
 
     /// That it belongs to a model of these sizes.
     fn check(&self, model: &ForwardModel) -> Result<(), FemError> {
+        let elements = self.elements.len() / model.kind.pairs();
         let checks = [
-            ("elements of the geometry", self.elements.len(), model.elements()),
+            ("elements of the geometry", elements, model.elements()),
             ("entries of the geometry", self.constant.len(), model.assembly.entry_count()),
             ("nodes of the geometry", self.positions.len(), model.unknown_of_node.len()),
         ];
@@ -76,11 +76,13 @@ impl ForwardModel {
     /// electrode (ohm metre for rim electrodes, ohm square metre for patches). Allocates nothing.
     ///
     /// Triangles may turn and stretch in space, but whether they fold over each other is the
-    /// caller's affair: three corners do not tell it.
+    /// caller's affair: three corners do not tell it. Curved edges of quadratic elements keep their
+    /// shape in the frame of a triangle at the edge.
     ///
     /// # Errors
     /// Wrong counts, a geometry of another model, positions that are not finite, triangles without
-    /// area, impedances that are negative or NaN. `geometry` is then not to be used.
+    /// area, curved ones that fold over, impedances that are negative or NaN (quadratic elements:
+    /// zero or infinite). `geometry` is then not to be used.
     pub fn deform(
         &self,
         nodes_m: &[[f64; 3]],
@@ -88,14 +90,14 @@ impl ForwardModel {
         geometry: &mut Geometry,
     ) -> Result<(), FemError> {
         geometry.check(self)?;
-        if nodes_m.len() != self.unknown_of_node.len() {
+        if nodes_m.len() != self.middles.mesh_nodes() {
             return Err(FemError::WrongLength {
                 what: "node positions (one per node)",
                 found: nodes_m.len(),
-                wanted: self.unknown_of_node.len(),
+                wanted: self.middles.mesh_nodes(),
             });
         }
-        check_impedances(self.protocol().electrodes(), contact_impedance)?;
+        check_impedances(self.kind, self.protocol().electrodes(), contact_impedance)?;
         if let Some(node) = nodes_m.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
             return Err(FemError::NonFinitePosition { node, position_m: nodes_m[node] });
         }
@@ -109,15 +111,18 @@ impl ForwardModel {
         contact_impedance: &[f64],
         geometry: &mut Geometry,
     ) -> Result<(), FemError> {
-        for (position, &unknown) in nodes_m.iter().zip(&self.unknown_of_node) {
+        let (of_nodes, of_middles) = self.unknown_of_node.split_at(nodes_m.len());
+        for (position, &unknown) in nodes_m.iter().zip(of_nodes) {
             geometry.positions[unknown as usize] = *position;
         }
-        let numbers = geometry.elements.iter_mut().zip(&mut geometry.stiffness);
-        for (index, ((element, stiffness), triangle)) in numbers.zip(&self.triangles).enumerate() {
-            let corners = triangle.map(|u| geometry.positions[u as usize]);
-            check_area(index, corners)?;
-            *element = Element::new(corners);
-            *stiffness = element.stiffness();
+        self.middles.places(nodes_m, |middle, position| {
+            geometry.positions[of_middles[middle] as usize] = position;
+        });
+        match self.kind {
+            Elements::Linear => self.fill_elements(geometry, element::linear, |_| 1.0)?,
+            Elements::Quadratic => {
+                self.fill_elements(geometry, quadratic::coefficients, quadratic::least_stretch)?;
+            }
         }
         self.fill_contacts(contact_impedance, geometry);
         Ok(())
@@ -133,7 +138,7 @@ impl ForwardModel {
         geometry: &mut Geometry,
     ) -> Result<(), FemError> {
         geometry.check(self)?;
-        check_impedances(self.protocol().electrodes(), contact_impedance)?;
+        check_impedances(self.kind, self.protocol().electrodes(), contact_impedance)?;
         self.fill_contacts(contact_impedance, geometry);
         Ok(())
     }
@@ -144,6 +149,31 @@ impl ForwardModel {
         geometry.impedance.extend_from_slice(contact_impedance);
         let Geometry { positions, constant, .. } = geometry;
         self.assembly.fill_contacts(&self.contacts, positions, contact_impedance, constant);
+    }
+
+    /// Coefficients and stiffness of elements of `NODES` nodes, after checks of area and stretch.
+    fn fill_elements<const NODES: usize, const PAIRS: usize>(
+        &self,
+        geometry: &mut Geometry,
+        coefficients: impl Fn([[f64; 3]; NODES]) -> [f64; PAIRS],
+        least_stretch: impl Fn([[f64; 3]; NODES]) -> f64,
+    ) -> Result<(), FemError> {
+        let Geometry { elements, stiffness, positions, .. } = geometry;
+        let (elements, _) = elements.as_chunks_mut::<PAIRS>();
+        let (stiffness, _) = stiffness.as_chunks_mut::<PAIRS>();
+        let (nodes, _) = self.element_nodes.as_chunks::<NODES>();
+        let numbers = elements.iter_mut().zip(stiffness).zip(nodes);
+        for (triangle, ((element, stiffness), nodes)) in numbers.enumerate() {
+            let places = nodes.map(|u| positions[u as usize]);
+            check_area(triangle, [places[0], places[1], places[2]])?;
+            let stretch = least_stretch(places);
+            if stretch <= 0.0 || stretch.is_nan() {
+                return Err(FemError::FoldedElement { triangle, stretch });
+            }
+            *element = coefficients(places);
+            *stiffness = element::stiffness::<NODES, PAIRS>(element);
+        }
+        Ok(())
     }
 
     /// [`ForwardModel::solve`] on a geometry of [`ForwardModel::deform`].

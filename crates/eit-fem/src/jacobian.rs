@@ -3,10 +3,10 @@
 //! Elements are taken in blocks whose scaled gradients stay in the second-level cache. Each
 //! product of two fields is formed once and written to every measurement that is a multiple of it
 //! (reciprocal ones: half of the rows). For 208 rows and `e` elements: 3 flops for each of 104 e
-//! products, 208 e values written, 8 bytes each. The stores are the floor.
+//! products (9 for quadratic elements), 208 e values written, 8 bytes each. The stores are the floor.
 //!
-//! Measured on the discs of the benches, one thread (Xeon with 2 MiB second-level cache), the
-//! shortest of many runs, memory reused:
+//! Measured on the discs of the benches, linear elements, one thread (Xeon with 2 MiB second-level
+//! cache), the shortest of many runs, memory reused:
 //!
 //! | elements | Jacobian | this module | the same memory set to a constant |
 //! |---|---|---|---|
@@ -16,14 +16,15 @@
 //! Gathering and combining gradients take 0.11 and 1.4 ms of it, so ordering the triangles for
 //! locality could gain 2 %. Blocks of 128 and 512 elements are 10 and 3 % slower.
 
+use crate::element::{Elements, gradient};
 use crate::fields::basis_field;
 use crate::forward::ForwardModel;
 use crate::geometry::Geometry;
 use ndarray::ArrayViewMut2;
 use std::ops::Range;
 
-/// Elements per block: 16 fields x 2 components x 256 x 8 bytes = 64 KiB of gradients, and rows
-/// are written in runs of half a page.
+/// Elements per block: 16 fields x 2 components x 256 x 8 bytes = 64 KiB of gradients (160 KiB for
+/// the 5 components of quadratic elements), and rows are written in runs of half a page.
 const BLOCK: usize = 256;
 
 /// Values from one component of a field to the next. Eight more than a block, or all fields of
@@ -53,7 +54,7 @@ impl Block {
 
     /// [`Block::size`] of the memory for a model.
     pub fn size_for(model: &ForwardModel) -> usize {
-        model.fields.slot_count() * 2 * STRIDE
+        model.fields.slot_count() * model.kind.components() * STRIDE
     }
 
     /// Memory for a model.
@@ -62,10 +63,12 @@ impl Block {
     }
 }
 
-/// The two components of a slot.
-fn components(slot: u32) -> [Range<usize>; 2] {
-    let at = slot as usize * 2 * STRIDE;
-    [at..at + BLOCK, at + STRIDE..at + STRIDE + BLOCK]
+/// The components of a slot.
+fn components<const COMPONENTS: usize>(slot: u32) -> [Range<usize>; COMPONENTS] {
+    std::array::from_fn(|c| {
+        let at = (slot as usize * COMPONENTS + c) * STRIDE;
+        at..at + BLOCK
+    })
 }
 
 /// Fills `jacobian` [measurement, element] from potentials [unknown, solve].
@@ -74,19 +77,42 @@ pub(crate) fn fill(
     geometry: &Geometry,
     potentials: Potentials<'_>,
     block: &mut Block,
+    jacobian: ArrayViewMut2<'_, f64>,
+) {
+    match model.kind {
+        Elements::Linear => {
+            fill_with::<3, 3, 2>(model, geometry, potentials, block, jacobian);
+        }
+        Elements::Quadratic => {
+            fill_with::<6, 15, 5>(model, geometry, potentials, block, jacobian);
+        }
+    }
+}
+
+/// [`fill`] for elements of `NODES` nodes, `PAIRS` coefficients and `COMPONENTS` components.
+fn fill_with<const NODES: usize, const PAIRS: usize, const COMPONENTS: usize>(
+    model: &ForwardModel,
+    geometry: &Geometry,
+    potentials: Potentials<'_>,
+    block: &mut Block,
     mut jacobian: ArrayViewMut2<'_, f64>,
 ) {
+    let (nodes, _) = model.element_nodes.as_chunks::<NODES>();
+    let (coefficients, _) = geometry.elements.as_chunks::<PAIRS>();
     for start in (0..model.elements()).step_by(BLOCK) {
         let count = BLOCK.min(model.elements() - start);
-        gradients(model, (geometry, potentials), start, count, &mut block.gradients);
-        combine(model, &mut block.gradients);
+        let elements = (&nodes[start..start + count], &coefficients[start..start + count]);
+        gradients::<NODES, PAIRS, COMPONENTS>(model, elements, potentials, &mut block.gradients);
+        combine(model, COMPONENTS * STRIDE, &mut block.gradients);
         for product in &model.fields.products {
-            let [[fx, fy], [gx, gy]] = product.fields.map(|field| {
-                components(model.fields.slots[field as usize]).map(|c| &block.gradients[c])
+            let [f, g] = product.fields.map(|field| {
+                let slot = model.fields.slots[field as usize];
+                components::<COMPONENTS>(slot).map(|c| &block.gradients[c])
             });
             let values = &mut block.product[..count];
             for (i, value) in values.iter_mut().enumerate() {
-                *value = -(fx[i] * gx[i] + fy[i] * gy[i]);
+                let first = f[0][i] * g[0][i];
+                *value = -(1..COMPONENTS).fold(first, |sum, c| sum + f[c][i] * g[c][i]);
             }
             for &(datum, factor) in &product.data {
                 let mut row = jacobian.row_mut(datum as usize);
@@ -107,44 +133,39 @@ fn scale_into(factor: f64, values: &[f64], row: &mut [f64]) {
     }
 }
 
-/// Scaled gradients of the basis fields on one block.
-fn gradients(
+/// Scaled gradients of the basis fields on one block of elements: their nodes and coefficients.
+fn gradients<const NODES: usize, const PAIRS: usize, const COMPONENTS: usize>(
     model: &ForwardModel,
-    (geometry, potentials): (&Geometry, Potentials<'_>),
-    start: usize,
-    count: usize,
+    (nodes, coefficients): (&[[u32; NODES]], &[[f64; PAIRS]]),
+    potentials: Potentials<'_>,
     out: &mut [f64],
 ) {
     let solves = model.fields.basis.nrows();
-    let row = |unknown: u32| &potentials.values[unknown as usize * solves..][..solves];
-    let low = |unknown: u32| potentials.low.map(|low| &low[unknown as usize * solves..][..solves]);
-    for i in 0..count {
-        let element = geometry.elements[start + i];
-        let [u0, u1, u2] = model.triangles[start + i].map(row);
+    let place = |r: usize, c: usize, i: usize| (COMPONENTS * r + c) * STRIDE + i;
+    for (i, (nodes, element)) in nodes.iter().zip(coefficients).enumerate() {
+        let u = nodes.map(|n| &potentials.values[n as usize * solves..][..solves]);
         for r in 0..solves {
-            let [x, y] = element.gradient([u0[r], u1[r], u2[r]]);
-            out[2 * STRIDE * r + i] = x;
-            out[2 * STRIDE * r + STRIDE + i] = y;
+            let g: [f64; COMPONENTS] = gradient(element, u.map(|u| u[r]));
+            (0..COMPONENTS).for_each(|c| out[place(r, c, i)] = g[c]);
         }
-        if let [Some(u0), Some(u1), Some(u2)] = model.triangles[start + i].map(low) {
-            for r in 0..solves {
-                let [x, y] = element.gradient([u0[r], u1[r], u2[r]]);
-                out[2 * STRIDE * r + i] += x;
-                out[2 * STRIDE * r + STRIDE + i] += y;
-            }
+        let Some(low) = potentials.low else { continue };
+        let u = nodes.map(|n| &low[n as usize * solves..][..solves]);
+        for r in 0..solves {
+            let g: [f64; COMPONENTS] = gradient(element, u.map(|u| u[r]));
+            (0..COMPONENTS).for_each(|c| out[place(r, c, i)] += g[c]);
         }
     }
 }
 
-/// The fields of one block that are not basis fields, as combinations of those.
-fn combine(model: &ForwardModel, gradients: &mut [f64]) {
+/// The fields of one block that are not basis fields, as combinations of those; `size` values each.
+fn combine(model: &ForwardModel, size: usize, gradients: &mut [f64]) {
     let fields = &model.fields;
-    let (basis, others) = gradients.split_at_mut(2 * STRIDE * fields.basis.nrows());
+    let (basis, others) = gradients.split_at_mut(size * fields.basis.nrows());
     let combined = fields.combinations.iter().filter(|c| basis_field(c).is_none());
-    for (out, combination) in others.chunks_exact_mut(2 * STRIDE).zip(combined) {
+    for (out, combination) in others.chunks_exact_mut(size).zip(combined) {
         out.fill(0.0);
         for &(solve, coefficient) in combination {
-            let field = &basis[solve as usize * 2 * STRIDE..][..2 * STRIDE];
+            let field = &basis[solve as usize * size..][..size];
             for (o, b) in out.iter_mut().zip(field) {
                 *o += coefficient * b;
             }

@@ -14,12 +14,15 @@ mod fields;
 mod forward;
 mod geometry;
 mod jacobian;
+mod middles;
 mod protocol;
+mod quadratic;
 mod solution;
 mod solver;
 mod workspace;
 
 pub use derivatives::{Displacement, ElectrodeMotion};
+pub use element::Elements;
 pub use error::FemError;
 pub use forward::{ForwardModel, ModelCost};
 pub use geometry::Geometry;

@@ -9,6 +9,7 @@
 
 use crate::accurate::{self, Accurate};
 use crate::derivatives::Solved;
+use crate::element::Elements;
 use crate::forward::ForwardModel;
 use crate::geometry::Geometry;
 use crate::{FemError, Workspace, jacobian};
@@ -83,13 +84,7 @@ impl<'a> Solution<'a> {
         let start = Instant::now();
         workspace.check(model)?;
         workspace.conductivity_s.copy_from_slice(conductivity_s);
-        let plain = !geometry.has_limits()
-            && match required_accuracy {
-                None => plain(model, geometry, conductivity_s, workspace).map(|()| true)?,
-                // whatever stops the plain path, the other one may not know
-                Some(wish) => plain(model, geometry, conductivity_s, workspace)
-                    .is_ok_and(|()| 1000.0 * f64::EPSILON * spread(model, workspace) <= wish),
-            };
+        let plain = plain_suffices(model, geometry, conductivity_s, workspace, required_accuracy)?;
         let accurate = if plain {
             None
         } else {
@@ -179,14 +174,15 @@ impl<'a> Solution<'a> {
     }
 
     /// Potentials inside the skin [stimulation, node], volt, on the scale of
-    /// [`Solution::electrode_potentials`].
+    /// [`Solution::electrode_potentials`], at the nodes of the mesh (not the middles of quadratic
+    /// elements).
     pub fn node_potentials(&mut self) -> Array2<f64> {
         self.solve_fields();
         let model = self.model;
         let solves = model.fields.basis.nrows();
         let electrodes = model.protocol().electrodes();
         let stimulations = model.patterns.stimulations_a.len();
-        let mut result = Array2::zeros((stimulations, model.unknown_of_node.len()));
+        let mut result = Array2::zeros((stimulations, model.middles.mesh_nodes()));
         for (s, mut row) in result.rows_mut().into_iter().enumerate() {
             // the constant between the two scales: the potential of the ground electrode, on the
             // accurate path of the skin under it
@@ -305,7 +301,7 @@ impl<'a> Solution<'a> {
 
     fn expected_loss(&self) -> f64 {
         match &self.accurate {
-            None => 1000.0 * f64::EPSILON * spread(self.model, self.workspace),
+            None => loss(self.model, self.workspace),
             Some(_) => self.error_bounds().0,
         }
     }
@@ -335,6 +331,32 @@ impl<'a> Solution<'a> {
     }
 }
 
+/// Takes the textbook path, if the contacts allow it, and says whether that meets the accuracy.
+fn plain_suffices(
+    model: &ForwardModel,
+    geometry: &Geometry,
+    conductivity_s: &[f64],
+    workspace: &mut Workspace,
+    required_accuracy: Option<f64>,
+) -> Result<bool, FemError> {
+    if geometry.has_limits() {
+        return Ok(false);
+    }
+    let solved = plain(model, geometry, conductivity_s, workspace);
+    let Some(required) = required_accuracy else { return solved.map(|()| true) };
+    if model.kind == Elements::Linear {
+        // whatever stops the plain path, the other one may not know
+        return Ok(solved.is_ok_and(|()| loss(model, workspace) <= required));
+    }
+    solved?;
+    let expected = loss(model, workspace);
+    if expected <= required {
+        Ok(true)
+    } else {
+        Err(FemError::PlainPathOnly { expected, required })
+    }
+}
+
 /// The textbook path: assembly, factorisation and electrode potentials in the workspace.
 fn plain(
     model: &ForwardModel,
@@ -349,6 +371,11 @@ fn plain(
     model.solver.solve_electrodes(&workspace.factor, workspace.transfer.as_mut());
     workspace.fill_electrode_potentials(&model.patterns);
     workspace.check_potentials()
+}
+
+/// What rounding in the assembled matrix may have cost the voltages.
+fn loss(model: &ForwardModel, workspace: &Workspace) -> f64 {
+    1000.0 * f64::EPSILON * spread(model, workspace)
 }
 
 /// Largest over smallest entry of the assembled diagonal.

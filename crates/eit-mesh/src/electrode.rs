@@ -21,6 +21,9 @@ pub enum Electrode {
 pub struct Mesh {
     surface: Surface,
     electrodes: Vec<Electrode>,
+    /// Edges whose true curve is known to bend, smaller node first and ascending, and the middle of
+    /// that curve.
+    midpoints_m: Vec<([u32; 2], [f64; 3])>,
 }
 
 impl Mesh {
@@ -48,7 +51,7 @@ impl Mesh {
                 triangles.sort_unstable();
             }
         }
-        Ok(Self { surface, electrodes })
+        Ok(Self { surface, electrodes, midpoints_m: Vec::new() })
     }
 
     /// The surface.
@@ -59,6 +62,68 @@ impl Mesh {
     /// The electrodes, electrode 1 first.
     pub fn electrodes(&self) -> &[Electrode] {
         &self.electrodes
+    }
+
+    /// Says where the true skin runs between nodes: for curved elements.
+    ///
+    /// `middle` is handed the nodes and the straight midpoint (metres) of every edge, smaller node
+    /// first and ascending, and answers with the middle of the curve that the edge stands for: the
+    /// nearest point of a sphere, say. Edges whose midpoint comes back unchanged are straight.
+    /// Triangles, areas and electrode measures stay those of the straight edges. [`generate`]
+    /// does this for the arcs of its outlines.
+    ///
+    /// # Errors
+    /// [`MeshError::BadMidpoint`] for a middle that is not finite, or farther from the straight
+    /// one than half the edge (a half circle).
+    ///
+    /// [`generate`]: crate::generate
+    pub fn with_midpoints(
+        mut self,
+        mut middle: impl FnMut([u32; 2], [f64; 3]) -> [f64; 3],
+    ) -> Result<Self, MeshError> {
+        let mut edges: Vec<[u32; 2]> = self.surface.triangles().iter().flat_map(sides).collect();
+        edges.sort_unstable();
+        edges.dedup();
+        let mut midpoints_m = Vec::new();
+        for edge in edges {
+            let straight = self.straight_middle(edge);
+            let position_m = middle(edge, straight);
+            if position_m != straight {
+                self.check_midpoint(edge, position_m)?;
+                midpoints_m.push((edge, position_m));
+            }
+        }
+        self.midpoints_m = midpoints_m;
+        Ok(self)
+    }
+
+    /// The middle of the curve that an edge stands for, metres; `None` where it is straight, or
+    /// nothing else is known.
+    pub fn midpoint_m(&self, edge: [u32; 2]) -> Option<[f64; 3]> {
+        let place = self.midpoints_m.binary_search_by_key(&sorted(edge), |(edge, _)| *edge).ok()?;
+        Some(self.midpoints_m[place].1)
+    }
+
+    /// [`Mesh::with_midpoints`] for the edges that the generator has cut from arcs.
+    pub(crate) fn with_arcs(mut self, middles: &[([u32; 2], [f64; 2])]) -> Self {
+        let flat = |&(edge, [x, y]): &([u32; 2], [f64; 2])| (sorted(edge), [x, y, 0.0]);
+        self.midpoints_m = middles.iter().map(flat).collect();
+        self.midpoints_m.sort_unstable_by_key(|(edge, _)| *edge);
+        self
+    }
+
+    fn straight_middle(&self, edge: [u32; 2]) -> [f64; 3] {
+        let [a, b] = edge.map(|n| self.surface.nodes()[n as usize]);
+        std::array::from_fn(|k| 0.5 * (a[k] + b[k]))
+    }
+
+    fn check_midpoint(&self, edge: [u32; 2], position_m: [f64; 3]) -> Result<(), MeshError> {
+        let [a, b] = edge.map(|n| self.surface.nodes()[n as usize]);
+        // not a number is not within half the edge
+        if norm(sub(position_m, self.straight_middle(edge))) <= 0.5 * norm(sub(b, a)) {
+            return Ok(());
+        }
+        Err(MeshError::BadMidpoint { edge, position_m })
     }
 
     /// Length in metres (rim) or area in square metres (patch) of an electrode (index from 0): the
@@ -110,6 +175,10 @@ fn at_place(error: MeshError, surface: &Surface) -> MeshError {
         }
         other => other,
     }
+}
+
+fn sides(t: &[u32; 3]) -> [[u32; 2]; 3] {
+    [0, 1, 2].map(|k| sorted([t[k], t[(k + 1) % 3]]))
 }
 
 fn claim_edges(

@@ -292,6 +292,17 @@ pub enum MeshError {
         /// Smallest gap, metres of rim.
         least_m: f64,
     },
+    /// The middle of a curve that cannot be.
+    #[error(
+        "the middle of the edge between nodes {} and {} is put at {position_m:?} m: it must be finite \
+         and within half the edge of its straight middle", edge[0], edge[1]
+    )]
+    BadMidpoint {
+        /// Its nodes.
+        edge: [u32; 2],
+        /// Position given, metres.
+        position_m: [f64; 3],
+    },
     /// A field's name that the file format cannot hold.
     #[error(
         "the field name {name:?} cannot stand in this file: no quotes, no control characters, \

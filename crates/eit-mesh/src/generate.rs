@@ -181,7 +181,8 @@ fn stretch(shape: &SkinShape) -> f64 {
 ///
 /// Every electrode end is a node on the true outline, and so is every corner. On a disc of
 /// radius R, rim edges of length h are chords, so an electrode's mesh length falls short of its
-/// width by the fraction h^2 / (24 R^2), and the area by about four times that.
+/// width by the fraction h^2 / (24 R^2), and the area by about four times that. The mesh knows the
+/// middle of each arc ([`Mesh::midpoint_m`]), for curved elements.
 /// The same input gives the same mesh, bit for bit.
 ///
 /// # Errors
@@ -282,7 +283,8 @@ fn mesh(
     );
     placed.extend(discs.iter().map(|d| d.electrode).zip(patches.into_iter().map(Electrode::Patch)));
     placed.sort_by_key(|(index, _)| *index);
-    Mesh::new(surface, placed.into_iter().map(|(_, electrode)| electrode).collect())
+    let mesh = Mesh::new(surface, placed.into_iter().map(|(_, electrode)| electrode).collect())?;
+    Ok(mesh.with_arcs(&rim.arc_middles))
 }
 
 /// The point of a skin that stands for a point inside its outline.

@@ -120,6 +120,12 @@ impl Loop {
         self.pieces[piece].point_at(s - self.starts_m[piece])
     }
 
+    /// Whether the loop is curved at an arc length from its start.
+    pub(crate) fn bends_at(&self, arc_length_m: f64) -> bool {
+        let piece = self.piece_at(arc_length_m.rem_euclid(self.length_m));
+        matches!(self.pieces[piece], Piece::Arc { .. })
+    }
+
     /// The nearest point of the loop: its arc length and the distance to it, metres.
     pub fn project(&self, point_m: [f64; 2]) -> (f64, f64) {
         let mut nearest = (0.0, f64::INFINITY);

@@ -53,3 +53,40 @@ fn quality_of_known_triangles() {
     assert!((report.smallest_quality - right_angled).abs() < 1e-14);
     assert!((report.mean_quality - (2.0 * right_angled + 1.0) / 3.0).abs() < 1e-14);
 }
+
+#[test]
+fn midpoints_are_kept_for_edges_that_bend() {
+    let mesh = Mesh::new(upright(), vec![Electrode::Rim(vec![[0, 1]])]).unwrap();
+    let mut asked = Vec::new();
+    let straight = |edge: [u32; 2], middle: [f64; 3]| {
+        asked.push((edge, middle));
+        middle
+    };
+    let same = mesh.clone().with_midpoints(straight).unwrap();
+    assert_eq!(same, mesh, "straight edges are not kept");
+    let edges: Vec<[u32; 2]> = asked.iter().map(|(edge, _)| *edge).collect();
+    assert_eq!(edges, [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3], [2, 4], [3, 4]]);
+    assert!(close(asked[1].1, [1.0, 1.5, 2.0]));
+
+    let bulge =
+        |edge, [x, y, z]: [f64; 3]| if edge == [0, 2] { [x + 0.3, y, z] } else { [x, y, z] };
+    let bent = mesh.clone().with_midpoints(bulge).unwrap();
+    for edge in [[0, 2], [2, 0]] {
+        assert!(close(bent.midpoint_m(edge).unwrap(), [1.3, 1.5, 2.0]));
+    }
+    assert_eq!((bent.midpoint_m([0, 1]), bent.midpoint_m([7, 9])), (None, None));
+
+    // the diagonal is 5 m long: 2.5 m is a half circle
+    for (off, fits) in [(2.5, true), (2.6, false), (f64::NAN, false), (f64::INFINITY, false)] {
+        let far = |edge, [x, y, z]: [f64; 3]| {
+            if edge == [0, 2] { [x + off, y, z] } else { [x, y, z] }
+        };
+        match mesh.clone().with_midpoints(far) {
+            Ok(_) => assert!(fits, "{off}"),
+            Err(error) => {
+                let message = error.to_string();
+                assert!(!fits && message.contains("between nodes 0 and 2"), "{message}");
+            }
+        }
+    }
+}

@@ -481,3 +481,25 @@ proptest! {
         }
     }
 }
+
+/// Edges on the rim of a disc know the middles of their arcs; every other edge is straight.
+#[test]
+fn arcs_are_known_by_their_middles() {
+    let settings = MeshSettings::with_edge(0.02);
+    let mesh = generate(&DISC, &everyday(), &settings).unwrap();
+    let node = |n: u32| mesh.surface().nodes()[n as usize];
+    let bent = |edge: &[u32; 2]| mesh.midpoint_m(*edge).is_some();
+    let sides = |t: &[u32; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
+    let bends = mesh.surface().triangles().iter().flat_map(sides).filter(bent).count();
+    assert_eq!(bends, mesh.surface().rim_edges().len());
+    for &edge in mesh.surface().rim_edges() {
+        let [x, y, z] = mesh.midpoint_m(edge).unwrap();
+        let apart = edge.map(node).map(|p| (p[0] - x).hypot(p[1] - y));
+        // rounding of sines and arc lengths
+        assert!((x.hypot(y) - RADIUS_M).abs() < 1e-14 && z == 0.0);
+        assert!((apart[0] - apart[1]).abs() < 1e-13, "{apart:?}");
+    }
+    let square = generate(&square_with_hole(), &RimElectrodes::equally_spaced(4, 0.05), &settings);
+    let square = square.unwrap();
+    assert!(square.surface().rim_edges().iter().all(|e| square.midpoint_m(*e).is_none()));
+}

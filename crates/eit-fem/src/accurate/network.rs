@@ -68,7 +68,9 @@ impl Network {
         for (l, contact) in model.contacts.iter().enumerate() {
             network.add_electrode(l, contact, geometry, &memberships, &mut owners)?;
         }
-        for (triangle, &sigma) in model.triangles.iter().zip(conductivity_s) {
+        // quadratic elements do not come here
+        let (triangles, _) = model.element_nodes.as_chunks::<3>();
+        for (triangle, &sigma) in triangles.iter().zip(conductivity_s) {
             network.add_triangle(*triangle, geometry, sigma);
         }
         Ok(network)

@@ -14,6 +14,7 @@
 use super::contact::{ContactFields, Under, mean_product};
 use super::vector::{Vector, cross, dot, norm, scaled, sub};
 use super::{Displacement, Solved, combine};
+use crate::element::gradient;
 use ndarray::ArrayViewMut2;
 
 /// Elements per block: 16 fields x 2 components x 64 x 8 bytes = 16 KiB of gradients.
@@ -97,7 +98,8 @@ impl Moves {
     }
 
     fn strains(&self, solved: &Solved<'_>, displacement: u32, strains: &mut Vec<Strain>) {
-        let triangles = solved.model.triangles.iter().zip(solved.conductivity_s);
+        let (triangles, _) = solved.model.element_nodes.as_chunks::<3>();
+        let triangles = triangles.iter().zip(solved.conductivity_s);
         for (element, (triangle, sigma)) in (0u32..).zip(triangles) {
             if !self.any(triangle) {
                 continue;
@@ -202,15 +204,17 @@ fn add_elements(solved: &Solved<'_>, strains: &mut [Strain], count: usize, sums:
 fn gather(solved: &Solved<'_>, elements: &[u32], gradients: &mut [f64]) {
     let fields = &solved.model.fields;
     let solves = fields.basis.nrows();
+    let (triangles, _) = solved.model.element_nodes.as_chunks::<3>();
+    let (coefficients, _) = solved.geometry.elements.as_chunks::<3>();
     for (i, &e) in elements.iter().enumerate() {
-        let element = solved.geometry.elements[e as usize];
+        let element = &coefficients[e as usize];
         let rows = |values: &[f64], r: usize| {
-            solved.model.triangles[e as usize].map(|n| values[n as usize * solves + r])
+            triangles[e as usize].map(|n| values[n as usize * solves + r])
         };
         for (r, out) in gradients.chunks_exact_mut(2 * BLOCK).take(solves).enumerate() {
-            let [mut x, mut y] = element.gradient(rows(solved.potentials.values, r));
+            let [mut x, mut y] = gradient(element, rows(solved.potentials.values, r));
             if let Some(low) = solved.potentials.low {
-                let [dx, dy] = element.gradient(rows(low, r));
+                let [dx, dy] = gradient(element, rows(low, r));
                 (x, y) = (x + dx, y + dy);
             }
             (out[i], out[BLOCK + i]) = (x, y);

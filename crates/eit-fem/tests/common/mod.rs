@@ -95,3 +95,16 @@ pub fn noise(seed: u64, count: usize) -> Vec<f64> {
         })
         .collect()
 }
+
+/// [`ring_disc`] that knows its rim is a circle: the middles of rim edges lie on it.
+pub fn round_disc(rings: usize) -> Mesh {
+    let mesh = ring_disc(rings);
+    let radius: Vec<f64> = mesh.surface().nodes().iter().map(|p| p[0].hypot(p[1])).collect();
+    let on_rim = |n: u32| radius[n as usize] > 1.0 - 1e-12;
+    // both ends on the last ring: a rim edge
+    let middle = |edge: [u32; 2], p: [f64; 3]| {
+        let r = p[0].hypot(p[1]);
+        if edge.into_iter().all(on_rim) { [p[0] / r, p[1] / r, 0.0] } else { p }
+    };
+    mesh.with_midpoints(middle).unwrap()
+}

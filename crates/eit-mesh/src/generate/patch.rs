@@ -11,10 +11,13 @@ use crate::size_field::SizeField;
 use std::f64::consts::PI;
 
 /// Moves the nodes on the outlines of patches outwards until each polygon has its disc's area: the
-/// contact impedance is divided by it. At a third of the radius between nodes that is by 0.9 %.
+/// contact impedance is divided by it. At a third of the radius between nodes that is by 0.9 %. Their
+/// edges stay straight, in quadratic elements too.
 pub(super) fn widen(rim: &mut Rim, discs: &[Disc]) {
     for (k, disc) in discs.iter().enumerate() {
-        let points = &mut rim.points[loop_nodes(&rim.starts, discs.len(), k)];
+        let nodes = loop_nodes(&rim.starts, discs.len(), k);
+        rim.arc_middles.retain(|(edge, _)| !nodes.contains(&(edge[0] as usize)));
+        let points = &mut rim.points[nodes];
         let from_centre = |p: [f64; 2]| [p[0] - disc.centre_m[0], p[1] - disc.centre_m[1]];
         let count = points.len();
         // holes run clockwise
@@ -49,7 +52,7 @@ pub(super) fn join(
         let count = outline.len();
         let edges = (0..count).map(|i| [i, (i + 1) % count].map(|n| n as u32)).collect();
         let points = outline.iter().map(|&n| rim.points[n]).collect();
-        let own = Rim { points, edges, electrodes: Vec::new(), starts: vec![0, count] };
+        let own = Rim { points, edges, starts: vec![0, count], ..Rim::default() };
         let left = settings.node_limit.saturating_sub(skin.points.len()).saturating_add(count);
         let filled = fill(&own, field, left).map_err(|error| match error {
             MeshError::RefinementIncomplete { .. } => {

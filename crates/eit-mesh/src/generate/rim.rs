@@ -7,6 +7,7 @@ use crate::rim_electrodes::RimInterval;
 use crate::size_field::{SizeField, Source};
 
 /// The cut outline.
+#[derive(Default)]
 pub(crate) struct Rim {
     /// Rim nodes, loop after loop.
     pub points: Vec<[f64; 2]>,
@@ -16,6 +17,8 @@ pub(crate) struct Rim {
     pub electrodes: Vec<Vec<[u32; 2]>>,
     /// First node of each loop, and the number of nodes.
     pub starts: Vec<usize>,
+    /// Edges that stand for arcs, and the middles of those.
+    pub arc_middles: Vec<([u32; 2], [f64; 2])>,
 }
 
 /// An edge may be this much longer than the distance to the opposite part of the outline: the
@@ -130,8 +133,13 @@ fn narrow_places(
 /// Numbers the nodes and collects the edges.
 fn number(outline: &Outline, cuts: &[Vec<f64>], electrodes: &[RimInterval]) -> Rim {
     let electrode_edges = vec![Vec::new(); electrodes.len()];
-    let mut rim =
-        Rim { points: Vec::new(), edges: Vec::new(), electrodes: electrode_edges, starts: vec![0] };
+    let mut rim = Rim {
+        points: Vec::new(),
+        edges: Vec::new(),
+        electrodes: electrode_edges,
+        arc_middles: Vec::new(),
+        starts: vec![0],
+    };
     for (index, (l, cut)) in outline.loops().iter().zip(cuts).enumerate() {
         let first = rim.points.len();
         let on_loop: Vec<_> =
@@ -142,6 +150,9 @@ fn number(outline: &Outline, cuts: &[Vec<f64>], electrodes: &[RimInterval]) -> R
             rim.points.push(l.point_at(s_m));
             rim.edges.push(edge);
             let middle = s_m + 0.5 * (cut[next] - s_m).rem_euclid(l.length_m());
+            if l.bends_at(middle) {
+                rim.arc_middles.push((edge, l.point_at(middle)));
+            }
             let covers =
                 |e: &RimInterval| (middle - e.start_m).rem_euclid(l.length_m()) < e.width_m;
             if let Some(&(electrode, _)) = on_loop.iter().find(|(_, e)| covers(e)) {

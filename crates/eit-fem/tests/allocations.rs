@@ -1,0 +1,39 @@
+//! After the first solve with a workspace nothing is allocated, whichever elements.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
+
+mod common;
+
+use allocation_counter::measure;
+use common::{noise, round_disc};
+use eit_fem::{Elements, ForwardModel, PairProtocol};
+use ndarray::Array2;
+use std::hint::black_box;
+
+#[test]
+fn solves_on_moved_nodes_allocate_nothing() {
+    let mesh = round_disc(8);
+    let protocol = PairProtocol { electrodes: 12, ..Default::default() }.protocol().unwrap();
+    for elements in [Elements::Linear, Elements::Quadratic] {
+        let model = ForwardModel::with_elements(&mesh, &protocol, &[0.05; 12], elements).unwrap();
+        let mut workspace = model.workspace().unwrap();
+        let mut geometry = model.geometry();
+        let mut nodes = mesh.surface().nodes().to_vec();
+        let mut voltages = vec![0.0; protocol.measurements()];
+        let mut jacobian = Array2::zeros((protocol.measurements(), model.elements()));
+        let mut frame = |seed: u64| {
+            let sigma: Vec<f64> = noise(seed, model.elements()).iter().map(|x| 0.5 + x).collect();
+            nodes.iter_mut().for_each(|p| p[0] *= 1.001);
+            measure(|| {
+                model.deform(&nodes, &[0.06; 12], &mut geometry).unwrap();
+                let mut solution = model.solve_deformed(&geometry, &sigma, &mut workspace).unwrap();
+                solution.measurements_into(&mut voltages).unwrap();
+                solution.jacobian_into(jacobian.view_mut()).unwrap();
+            })
+            .count_total
+        };
+        frame(1);
+        assert_eq!((2..5).map(frame).collect::<Vec<_>>(), [0, 0, 0], "{elements:?}");
+    }
+    // the counter counts
+    assert!(measure(|| drop(black_box(vec![0_u8; 100]))).count_total > 0);
+}

@@ -1,0 +1,125 @@
+//! Orders of convergence of linear and quadratic elements against mesh-free solutions.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
+
+mod common;
+
+use eit_fem::analytic::DiscSeries;
+use eit_fem::{Elements, ForwardModel, PairProtocol, Protocol};
+use eit_mesh::{
+    Direction, Mesh, MeshSettings, Placement, RimElectrodes, SkinShape, Surface, generate,
+};
+use ndarray::Array1;
+
+const RADIUS_M: f64 = 0.1;
+const WIDTH_M: f64 = 0.0196;
+const CONDUCTIVITY_S: f64 = 1e-5;
+
+/// Uneven contacts: three to one.
+fn impedance() -> Vec<f64> {
+    (0..16).map(|l| 500.0 + 1000.0 * f64::from(l * 7 % 16) / 15.0).collect()
+}
+
+fn electrodes() -> RimElectrodes {
+    let direction = Direction::Counterclockwise;
+    let placement = Placement::EquallySpaced { count: 16, first_angle_deg: 0.0, direction };
+    RimElectrodes { width_m: WIDTH_M, placement }
+}
+
+/// Level `k` of a family of meshes of the paper's disc: edges `h = h0 / 2^k`. At electrode ends,
+/// where the potential runs like r log r, edges fall with `h^2` and grow with a slope that falls
+/// with h: elements at the distance r are no larger than about `h r`, which smooth parts need for
+/// order four.
+fn graded(level: i32) -> Mesh {
+    let h = 0.5_f64.powi(level);
+    let settings = MeshSettings {
+        edge_m: Some(0.02 * h),
+        electrode_edge_m: Some(0.005 * h * h),
+        grading: 0.4 * h,
+        ..Default::default()
+    };
+    generate(&SkinShape::Disc { radius_m: RADIUS_M }, &electrodes(), &settings).unwrap()
+}
+
+fn protocol() -> Protocol {
+    PairProtocol::default().protocol().unwrap()
+}
+
+fn voltages(mesh: &Mesh, elements: Elements) -> Array1<f64> {
+    let model = ForwardModel::with_elements(mesh, &protocol(), &impedance(), elements).unwrap();
+    model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap()
+}
+
+fn series(degree: usize, harmonics: usize) -> Array1<f64> {
+    let series = DiscSeries {
+        radius_m: RADIUS_M,
+        conductivity_s: CONDUCTIVITY_S,
+        electrode_angles_rad: (0..16).map(|l| (22.5 * f64::from(l)).to_radians()).collect(),
+        electrode_width_m: WIDTH_M,
+        // replaced by those of each electrode
+        contact_impedance_ohm_m: 1e3,
+        degree,
+        harmonics,
+    };
+    let protocol = protocol();
+    let currents = protocol.stimulations_a();
+    let potentials = series.electrode_potentials_with(currents, &impedance()).unwrap();
+    let patterns = protocol.measurement_patterns();
+    let voltage = |&[s, m]: &[u32; 2]| potentials.row(s as usize).dot(&patterns.row(m as usize));
+    protocol.data().iter().map(voltage).collect()
+}
+
+fn largest(values: &Array1<f64>) -> f64 {
+    values.iter().fold(0.0, |m, v| m.max(v.abs()))
+}
+
+/// Checks the orders in h of both kinds of elements on levels 0, 1, 2 and so on; the last error of the
+/// quadratic ones.
+fn check_orders(meshes: &[Mesh], exact: &Array1<f64>) -> f64 {
+    let mut last = 0.0;
+    for (elements, least) in [(Elements::Linear, 1.8), (Elements::Quadratic, 3.8)] {
+        let error = |mesh| largest(&(voltages(mesh, elements) - exact)) / largest(exact);
+        let errors: Vec<f64> = meshes.iter().map(error).collect();
+        let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();
+        println!("{elements:?}: errors {errors:?}, orders {orders:?}");
+        // the coarsest mesh has one edge between ends: it may be better or worse than its family
+        assert!(orders.iter().all(|order| *order > least), "{elements:?}: {orders:?}");
+        last = errors[errors.len() - 1];
+    }
+    last
+}
+
+#[test]
+fn paper_disc_with_uneven_contacts() {
+    let exact = series(20, 8_000);
+    let change = largest(&(series(16, 4_000) - &exact)) / largest(&exact);
+    let meshes: Vec<Mesh> = (0..3).map(graded).collect();
+    let error = check_orders(&meshes, &exact);
+    println!("change of the series: {change:.1e}");
+    assert!(change < 0.1 * error, "the series is the better one: {change:e}");
+}
+
+/// The upper half of a sphere over a disc of the same radius: the rim stays where it is.
+fn hemisphere(flat: &Mesh) -> Mesh {
+    let square = RADIUS_M * RADIUS_M;
+    let lift = |p: &[f64; 3]| {
+        let r = p[0] * p[0] + p[1] * p[1];
+        let scale = 2.0 * square / (square + r);
+        [scale * p[0], scale * p[1], RADIUS_M * (square - r) / (square + r)]
+    };
+    let nodes = flat.surface().nodes().iter().map(lift).collect();
+    let surface = Surface::new(nodes, flat.surface().triangles().to_vec()).unwrap();
+    let onto_sphere = |_, p: [f64; 3]| {
+        let norm = p.iter().map(|x| x * x).sum::<f64>().sqrt();
+        p.map(|x| RADIUS_M / norm * x)
+    };
+    Mesh::new(surface, flat.electrodes().to_vec()).unwrap().with_midpoints(onto_sphere).unwrap()
+}
+
+/// Stereographic projection keeps angles, and on the equator lengths: a hemisphere with electrodes
+/// on its equator has the voltages of the flat disc.
+#[test]
+fn hemisphere_has_the_voltages_of_the_disc() {
+    let exact = series(20, 8_000);
+    let meshes: Vec<Mesh> = (0..3).map(|level| hemisphere(&graded(level))).collect();
+    check_orders(&meshes, &exact);
+}
