@@ -16,7 +16,7 @@
 use crate::assembly::Assembly;
 use crate::electrode_model::Contact;
 use crate::element::Elements;
-use crate::fields::Fields;
+use crate::fields::{Fields, Product};
 use crate::geometry::Geometry;
 use crate::middles::Middles;
 use crate::solver::{Solver, order};
@@ -158,6 +158,18 @@ impl ForwardModel {
     /// Node and electrode potentials.
     pub(crate) fn unknowns(&self) -> usize {
         self.assembly.column_starts.len() - 1
+    }
+
+    /// Sets of measurements that are multiples of each other, by reciprocity or because patterns
+    /// are: (measurement, factor) with the first measurement's factor 1, in the order of the first
+    /// measurements. The Jacobian's row of a measurement is the factor times the set's row
+    /// ([`Solution::unique_jacobian`]); so are its voltages.
+    pub fn unique_measurements(&self) -> Vec<Vec<(usize, f64)>> {
+        let set = |product: &Product| {
+            let first = product.data.first().map_or(1.0, |first| first.1);
+            product.data.iter().map(|&(datum, factor)| (datum as usize, factor / first)).collect()
+        };
+        self.fields.products.iter().map(set).collect()
     }
 
     /// What solves of this model cost.

@@ -71,31 +71,102 @@ fn components<const COMPONENTS: usize>(slot: u32) -> [Range<usize>; COMPONENTS] 
     })
 }
 
-/// Fills `jacobian` [measurement, element] from potentials [unknown, solve].
-pub(crate) fn fill(
-    model: &ForwardModel,
-    geometry: &Geometry,
-    potentials: Potentials<'_>,
-    block: &mut Block,
-    jacobian: ArrayViewMut2<'_, f64>,
-) {
-    match model.kind {
-        Elements::Linear => {
-            fill_with::<3, 3, 2>(model, geometry, potentials, block, jacobian);
+/// Storage of the rows of [`Solution::unique_jacobian`](crate::Solution::unique_jacobian): `f64` or
+/// `f32`. Sealed: nothing else is one.
+pub trait JacobianValue: private::Narrow + Copy + Default {}
+
+impl JacobianValue for f64 {}
+impl JacobianValue for f32 {}
+
+mod private {
+    pub trait Narrow {
+        fn narrow(value: f64) -> Self;
+    }
+
+    impl Narrow for f64 {
+        fn narrow(value: f64) -> Self {
+            value
         }
-        Elements::Quadratic => {
-            fill_with::<6, 15, 5>(model, geometry, potentials, block, jacobian);
+    }
+
+    impl Narrow for f32 {
+        fn narrow(value: f64) -> Self {
+            value as Self
         }
     }
 }
 
-/// [`fill`] for elements of `NODES` nodes, `PAIRS` coefficients and `COMPONENTS` components.
-fn fill_with<const NODES: usize, const PAIRS: usize, const COMPONENTS: usize>(
+/// What a Jacobian is summed from: the geometry, and potentials [unknown, solve].
+pub(crate) type State<'a> = (&'a Geometry, Potentials<'a>);
+
+/// Fills `jacobian` [measurement, element].
+pub(crate) fn fill(
     model: &ForwardModel,
-    geometry: &Geometry,
-    potentials: Potentials<'_>,
+    state: State<'_>,
     block: &mut Block,
     mut jacobian: ArrayViewMut2<'_, f64>,
+) {
+    each_product(model, state, block, |index, start, values| {
+        for &(datum, factor) in &model.fields.products[index].data {
+            write(&mut jacobian, datum as usize, start, (factor, values));
+        }
+    });
+}
+
+/// Fills `jacobian` [product, element]: the row of the first measurement of each product.
+pub(crate) fn fill_unique<T: JacobianValue>(
+    model: &ForwardModel,
+    state: State<'_>,
+    block: &mut Block,
+    mut jacobian: ArrayViewMut2<'_, T>,
+) {
+    each_product(model, state, block, |index, start, values| {
+        // a product is there because of a measurement
+        let factor = model.fields.products[index].data.first().map_or(0.0, |first| first.1);
+        write(&mut jacobian, index, start, (factor, values));
+    });
+}
+
+/// Writes scaled values into a row, from an element on.
+fn write<T: JacobianValue>(
+    jacobian: &mut ArrayViewMut2<'_, T>,
+    row: usize,
+    start: usize,
+    (factor, values): (f64, &[f64]),
+) {
+    let mut row = jacobian.row_mut(row);
+    match row.as_slice_mut() {
+        Some(row) => {
+            for (entry, value) in row[start..start + values.len()].iter_mut().zip(values) {
+                *entry = T::narrow(factor * value);
+            }
+        }
+        None => {
+            let entries = row.iter_mut().skip(start);
+            entries.zip(values).for_each(|(entry, value)| *entry = T::narrow(factor * value));
+        }
+    }
+}
+
+/// Calls with every product of fields on every block: its index, the first element, values.
+fn each_product(
+    model: &ForwardModel,
+    state: State<'_>,
+    block: &mut Block,
+    take: impl FnMut(usize, usize, &[f64]),
+) {
+    match model.kind {
+        Elements::Linear => each_product_of::<3, 3, 2>(model, state, block, take),
+        Elements::Quadratic => each_product_of::<6, 15, 5>(model, state, block, take),
+    }
+}
+
+/// [`each_product`] for elements of `NODES` nodes, `PAIRS` coefficients and `COMPONENTS` components.
+fn each_product_of<const NODES: usize, const PAIRS: usize, const COMPONENTS: usize>(
+    model: &ForwardModel,
+    (geometry, potentials): State<'_>,
+    block: &mut Block,
+    mut take: impl FnMut(usize, usize, &[f64]),
 ) {
     let (nodes, _) = model.element_nodes.as_chunks::<NODES>();
     let (coefficients, _) = geometry.elements.as_chunks::<PAIRS>();
@@ -104,7 +175,7 @@ fn fill_with<const NODES: usize, const PAIRS: usize, const COMPONENTS: usize>(
         let elements = (&nodes[start..start + count], &coefficients[start..start + count]);
         gradients::<NODES, PAIRS, COMPONENTS>(model, elements, potentials, &mut block.gradients);
         combine(model, COMPONENTS * STRIDE, &mut block.gradients);
-        for product in &model.fields.products {
+        for (index, product) in model.fields.products.iter().enumerate() {
             let [f, g] = product.fields.map(|field| {
                 let slot = model.fields.slots[field as usize];
                 components::<COMPONENTS>(slot).map(|c| &block.gradients[c])
@@ -114,22 +185,8 @@ fn fill_with<const NODES: usize, const PAIRS: usize, const COMPONENTS: usize>(
                 let first = f[0][i] * g[0][i];
                 *value = -(1..COMPONENTS).fold(first, |sum, c| sum + f[c][i] * g[c][i]);
             }
-            for &(datum, factor) in &product.data {
-                let mut row = jacobian.row_mut(datum as usize);
-                match row.as_slice_mut() {
-                    Some(row) => scale_into(factor, values, &mut row[start..start + count]),
-                    None => {
-                        (0..count).for_each(|i| row[start + i] = factor * values[i]);
-                    }
-                }
-            }
+            take(index, start, values);
         }
-    }
-}
-
-fn scale_into(factor: f64, values: &[f64], row: &mut [f64]) {
-    for (entry, value) in row.iter_mut().zip(values) {
-        *entry = factor * value;
     }
 }
 

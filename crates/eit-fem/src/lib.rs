@@ -26,6 +26,7 @@ pub use element::Elements;
 pub use error::FemError;
 pub use forward::{ForwardModel, ModelCost};
 pub use geometry::Geometry;
+pub use jacobian::JacobianValue;
 pub use protocol::{DrivenElectrodes, Order, PairPattern, PairProtocol, Protocol};
 pub use solution::{Solution, SolvePath, SolveReport};
 pub use workspace::Workspace;

@@ -143,3 +143,40 @@ fn tiny_and_huge_currents_scale_the_jacobian() {
         assert!(largest(&(jacobian(current) / current - &one)) < 1e-14 * largest(&one));
     }
 }
+
+/// Rows of sets of measurements that are multiples of each other, in both kinds of storage and into
+/// memory whose rows are not in one piece.
+#[test]
+fn unique_rows_and_their_factors_are_the_jacobian() {
+    let protocol = PairProtocol { electrodes: 12, ..Default::default() }.protocol().unwrap();
+    let model = ForwardModel::new(&ring_disc(8), &protocol, &[0.05; 12]).unwrap();
+    let sets = model.unique_measurements();
+    // 12 x 9 measurements, each with its reciprocal one
+    assert_eq!((sets.len(), sets.iter().map(Vec::len).sum::<usize>()), (54, 108));
+    let sigma: Vec<f64> = noise(3, model.elements()).iter().map(|x| 0.5 + x).collect();
+    let mut workspace = model.workspace().unwrap();
+    let mut solution = model.solve(&sigma, &mut workspace).unwrap();
+    let (voltages, jacobian) = (solution.measurements(), solution.jacobian());
+    let (double, single) = (solution.unique_jacobian::<f64>(), solution.unique_jacobian::<f32>());
+    let mut columns = Array2::<f64>::zeros((model.elements(), sets.len()));
+    solution.unique_jacobian_into(columns.view_mut().reversed_axes()).unwrap();
+    for (row, set) in sets.iter().enumerate() {
+        assert_eq!(set[0].1, 1.0);
+        for &(datum, factor) in set {
+            // condition number of a voltage about 1e4
+            let difference = voltages[datum] - factor * voltages[set[0].0];
+            assert!(difference.abs() <= 1e-11 * largest(&voltages));
+            for (element, value) in jacobian.row(datum).iter().enumerate() {
+                // two roundings of factors
+                let found = factor * double[[row, element]];
+                assert!((found - value).abs() <= 2.0 * f64::EPSILON * value.abs());
+                let found = factor * f64::from(single[[row, element]]);
+                assert!((found - value).abs() <= f64::from(f32::EPSILON) * value.abs());
+                assert_eq!(columns[[element, row]], double[[row, element]]);
+            }
+        }
+    }
+    let mut wrong = Array2::<f32>::zeros((108, model.elements()));
+    let refused = solution.unique_jacobian_into(wrong.view_mut()).unwrap_err();
+    assert!(refused.to_string().contains("108"), "{refused}");
+}
