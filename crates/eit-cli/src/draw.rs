@@ -1,43 +1,44 @@
 //! From meshes and rasters to what the pictures need.
 
 use crate::picture::{ElectrodeDrawing, Extent, SkinDrawing};
+use crate::view::View;
 use eit_mesh::{Electrode, Mesh, Raster, Surface};
 use std::collections::HashMap;
 
 /// The skin of a mesh with a raster's extent.
 pub(crate) fn skin(mesh: &Mesh, raster: &Raster) -> SkinDrawing {
     let [x_min_m, x_max_m, y_min_m, y_max_m] = raster.extent_m();
-    skin_with_extent(mesh, Extent { x_min_m, x_max_m, y_min_m, y_max_m })
+    skin_with_extent(mesh, &View::TOP, Extent { x_min_m, x_max_m, y_min_m, y_max_m })
 }
 
-/// The skin of a mesh, its extent the bounding box.
-pub(crate) fn skin_of_mesh(mesh: &Mesh) -> SkinDrawing {
-    let [low, high] = mesh.surface().bounds_m();
-    let extent = Extent { x_min_m: low[0], x_max_m: high[0], y_min_m: low[1], y_max_m: high[1] };
-    skin_with_extent(mesh, extent)
+/// The skin of a mesh as seen in a view, its extent the bounding box.
+pub(crate) fn skin_of_mesh(mesh: &Mesh, view: &View) -> SkinDrawing {
+    let mut extent = [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY];
+    for &node in mesh.surface().nodes() {
+        let [x, y] = view.flat(node);
+        extent = [extent[0].min(x), extent[1].max(x), extent[2].min(y), extent[3].max(y)];
+    }
+    let [x_min_m, x_max_m, y_min_m, y_max_m] = extent;
+    skin_with_extent(mesh, view, Extent { x_min_m, x_max_m, y_min_m, y_max_m })
 }
 
-fn skin_with_extent(mesh: &Mesh, extent: Extent) -> SkinDrawing {
+fn skin_with_extent(mesh: &Mesh, view: &View, extent: Extent) -> SkinDrawing {
     let surface = mesh.surface();
+    let flat = |node: u32| view.flat(surface.nodes()[node as usize]);
     let electrodes = mesh.electrodes().iter().enumerate().map(|(l, electrode)| {
         let edges = match electrode {
             Electrode::Rim(edges) => edges.clone(),
             Electrode::Patch(triangles) => patch_rim(surface, triangles),
         };
         let rim_m = chains(&edges).into_iter().next().unwrap_or_default();
-        let rim_m = rim_m.iter().map(|&n| flat(surface, n)).collect();
+        let rim_m = rim_m.iter().map(|&n| flat(n)).collect();
         ElectrodeDrawing { number: l + 1, rim_m, drawn: true }
     });
     let outlines_m = chains(surface.rim_edges())
         .iter()
-        .map(|chain| chain.iter().map(|&n| flat(surface, n)).collect())
+        .map(|chain| chain.iter().map(|&n| flat(n)).collect())
         .collect();
     SkinDrawing { outlines_m, electrodes: electrodes.collect(), extent }
-}
-
-fn flat(surface: &Surface, node: u32) -> [f64; 2] {
-    let p = surface.nodes()[node as usize];
-    [p[0], p[1]]
 }
 
 /// Outer edges of a set of triangles: those that only one of them has.

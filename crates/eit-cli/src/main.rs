@@ -26,6 +26,7 @@ mod pipeline;
 mod progress;
 mod scene;
 mod simulate;
+mod view;
 mod watch;
 
 use clap::Parser as _;

@@ -38,6 +38,8 @@ pub(crate) struct Setup {
     pub protocol: Protocol,
     /// Ready to solve.
     pub model: ForwardModel,
+    /// What was mended in the mesh file.
+    pub notes: Vec<String>,
 }
 
 /// The model linearised at the homogeneous background.
@@ -60,7 +62,7 @@ pub(crate) fn setup(
     progress: &mut Progress,
 ) -> Result<Setup, CliError> {
     let wanted = match mesh_file {
-        Some(file) => crate::scene::SceneMesh::File(file.to_path_buf()),
+        Some(file) => crate::scene::SceneMesh::file(file),
         None => scene.mesh(nodes)?,
     };
     // what needs no mesh is checked before one is made
@@ -68,11 +70,14 @@ pub(crate) fn setup(
         scene.protocol(electrodes)?;
         scene.contact_impedance(electrodes)?;
     }
-    let mesh = progress.stage("mesh", || wanted.build()).map_err(|e| e.within(&scene.place))?;
+    let made = progress.stage("mesh", || wanted.build_noted());
+    let (mesh, notes) = made.map_err(|e| e.within(&scene.place))?;
+    notes.iter().for_each(|note| progress.note(note));
     let electrodes = mesh.electrodes().len();
     if electrodes == 0 {
         return Err(CliError::input(
-            "the mesh has no electrode: name physical lines electrode_1 ..",
+            "the mesh has no electrode: name physical lines electrode_1 .. in a Gmsh file, or set \
+             electrodes.positions_m",
         ));
     }
     let protocol = scene.protocol(electrodes)?;
@@ -89,7 +94,7 @@ pub(crate) fn setup(
     }
     let model = progress.stage("forward model", || ForwardModel::new(&mesh, &protocol, &impedance));
     let model = model.map_err(|e| CliError::from(e).within(&scene.place))?;
-    Ok(Setup { mesh, protocol, model })
+    Ok(Setup { mesh, protocol, model, notes })
 }
 
 /// Voltages and Jacobian of the homogeneous background.

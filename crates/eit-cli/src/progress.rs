@@ -82,6 +82,13 @@ impl Progress {
         result
     }
 
+    /// Says something beside the bars, on stderr: nothing that a pipe would read.
+    pub fn note(&self, text: &str) {
+        if !self.silent {
+            self.bars.suspend(|| eprintln!("eit: note: {text}"));
+        }
+    }
+
     /// Times so far.
     pub fn times(&self) -> &[StageTime] {
         &self.times

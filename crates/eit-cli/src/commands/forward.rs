@@ -37,6 +37,7 @@ pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
         "elements": solved.elements,
         "largest_v": largest,
         "warning": solved.warning,
+        "mesh_notes": solved.notes,
         "solve": solve_json(report),
         "stages": progress.times(),
     });

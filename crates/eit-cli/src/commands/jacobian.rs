@@ -31,6 +31,7 @@ pub(crate) fn run(args: &JacobianArgs) -> Result<Answer, CliError> {
         "out": args.out.display().to_string(),
         "shape": [rows, columns],
         "warning": solved.warning,
+        "mesh_notes": solved.notes,
         "solve": solve_json(report),
         "stages": progress.times(),
     });

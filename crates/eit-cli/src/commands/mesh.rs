@@ -8,6 +8,7 @@ use crate::output::OutFile;
 use crate::picture::{ColorMap, MeshDrawing, PictureSettings, draw_mesh};
 use crate::progress::Progress;
 use crate::scene::Scene;
+use crate::view::View;
 use eit_mesh::{GmshVersion, Mesh, Quality};
 use serde_json::json;
 use std::io::Write;
@@ -19,7 +20,8 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
     let out = OutFile::new(&args.out)?;
     let wanted = scene.mesh(args.nodes)?;
     let mut progress = Progress::default();
-    let mesh = progress.stage("mesh", || wanted.build())?;
+    let (mesh, notes) = progress.stage("mesh", || wanted.build_noted())?;
+    notes.iter().for_each(|note| progress.note(note));
     let quality = Quality::of(&mesh);
     out.write(|writer| match format.as_str() {
         "msh" => Ok(eit_mesh::write_gmsh(&mesh, &mut &mut *writer, GmshVersion::V4_1, &[])?),
@@ -40,26 +42,40 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
         "longest_edge_m": quality.longest_edge_m,
         "area_m2": quality.area_m2,
         "elements_per_electrode": quality.elements_per_electrode,
+        "electrode_measures": measures(&mesh),
+        "mesh_notes": notes,
         "stages": progress.times(),
     });
     Ok(Answer { text: format!("{quality}\nwritten: {}", args.out.display()), json })
 }
 
+/// Length in metres or area in square metres of each electrode.
+fn measures(mesh: &Mesh) -> Vec<Option<f64>> {
+    (0..mesh.electrodes().len()).map(|l| mesh.electrode_measure(l)).collect()
+}
+
 fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), CliError> {
     let surface = mesh.surface();
-    let nodes_m: Vec<[f64; 2]> = surface.nodes().iter().map(|p| [p[0], p[1]]).collect();
+    let view = View::of(surface);
+    let nodes_m: Vec<[f64; 2]> = surface.nodes().iter().map(|&p| view.flat(p)).collect();
+    let visible = view.visible(surface);
     let triangles: Vec<[usize; 3]> =
-        surface.triangles().iter().map(|t| t.map(|n| n as usize)).collect();
-    let quality: Vec<f64> = (0..triangles.len()).map(|t| surface.triangle_quality(t)).collect();
+        visible.iter().map(|&t| surface.triangles()[t].map(|n| n as usize)).collect();
+    let quality: Vec<f64> = visible.iter().map(|&t| surface.triangle_quality(t)).collect();
     let drawing = MeshDrawing { nodes_m: &nodes_m, triangles: &triangles, values: Some(&quality) };
+    let hidden = surface.triangles().len() - visible.len();
     let settings = PictureSettings {
-        title: format!("{name}: mesh"),
+        title: format!("{name}: mesh{}", view.words(surface)),
+        footnote: match hidden {
+            0 => String::new(),
+            _ => format!("{hidden} more triangles look away"),
+        },
         quantity: "quality".to_owned(),
         unit: String::new(),
         map: ColorMap::Viridis,
         range: Some([0.0, 1.0]),
         ..Default::default()
     };
-    let canvas = draw_mesh(&drawing, &draw::skin_of_mesh(mesh), &settings)?;
+    let canvas = draw_mesh(&drawing, &draw::skin_of_mesh(mesh, &view), &settings)?;
     Ok(canvas.write_png(writer)?)
 }

@@ -53,6 +53,8 @@ struct Solved<T> {
     wanted: T,
     report: SolveReport,
     warning: Option<String>,
+    /// What was mended in the mesh file.
+    notes: Vec<String>,
 }
 
 /// Meshes and solves for one conductivity; `take` reads what the command wants.
@@ -63,7 +65,7 @@ fn solve<T>(
     take: impl FnOnce(&mut Solution<'_>) -> T,
 ) -> Result<Solved<T>, CliError> {
     let setup = pipeline::setup(scene, mesh_file, None, progress)?;
-    let elements = setup.model.elements();
+    let (elements, notes) = (setup.model.elements(), setup.notes);
     let sigma = conductivity(scene, conductivity_file, elements)?;
     progress.stage("solve", || {
         let mut workspace = setup.model.workspace()?;
@@ -71,7 +73,7 @@ fn solve<T>(
         let wanted = take(&mut solution);
         let report = solution.report();
         let warning = pipeline::certain(&report)?;
-        Ok(Solved { elements, wanted, report, warning })
+        Ok(Solved { elements, wanted, report, warning, notes })
     })
 }
 

@@ -60,6 +60,7 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
         "method": choice.method.name(),
         "method_because": choice.why,
         "method_notes": words,
+        "mesh_notes": setup.notes,
         "frames": frames,
         "still": matches!(sequence, Sequence::Still(_)),
         "stages": stages.iter().map(stage_json).collect::<Vec<_>>(),

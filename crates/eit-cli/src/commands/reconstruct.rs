@@ -106,6 +106,7 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let (models, given) = ((setup, linearised), (&frames, gain));
     let found = pipeline::touches::touches(&scene, models, given, denoised, &mut progress)?;
     let mut notes = frames.notes.clone();
+    notes.extend(setup.notes.iter().map(|note| format!("mesh: {note}")));
     notes.extend(linearised.warning.clone());
     notes.extend(made.notes.clone());
 

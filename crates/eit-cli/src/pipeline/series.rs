@@ -1,8 +1,9 @@
-//! Voltages of a disc without a mesh: what meshes are judged by.
+//! Voltages of a disc without a mesh: what meshes are judged by. A hemisphere with electrodes on its
+//! rim has the same: the stereographic projection keeps angles, and on the rim it keeps lengths.
 
 use super::Setup;
 use crate::error::CliError;
-use crate::scene::{OneOrMany, Scene, Shape};
+use crate::scene::{OneOrMany, Scene, SceneElectrodes, Shape};
 use eit_fem::analytic::DiscSeries;
 use eit_mesh::Placement;
 use ndarray::Array1;
@@ -12,9 +13,9 @@ const MOST_SERIES_ELECTRODES: usize = 32;
 /// Harmonics of the disc for each polynomial on an electrode.
 const HARMONICS_OF_A_DEGREE: usize = 170;
 
-/// Voltages of the homogeneous disc in protocol order by the mesh-free series, volt; `None` where
-/// the skin is no disc, its contacts differ or
-/// have no finite impedance above zero, or its electrodes are too many for a quick answer.
+/// Voltages of the homogeneous disc or hemisphere in protocol order by the mesh-free series, volt;
+/// `None` where the skin is neither, its contacts differ or have no finite impedance above zero, or
+/// its electrodes are too many for a quick answer.
 ///
 /// `degree` polynomials on each electrode; more of them are more digits.
 pub(crate) fn disc_voltages(
@@ -25,9 +26,10 @@ pub(crate) fn disc_voltages(
     if scene.skin.shape == Shape::Mesh || setup.protocol.electrodes() > MOST_SERIES_ELECTRODES {
         return Ok(None);
     }
-    let electrodes = scene.rim_electrodes()?;
+    let SceneElectrodes::Rim(electrodes) = scene.electrodes()? else { return Ok(None) };
+    let round = matches!(scene.skin.shape, Shape::Disc | Shape::Hemisphere);
     let (Some(radius_m), Placement::EquallySpaced { count, first_angle_deg, direction }) =
-        (scene.skin.radius_m.filter(|_| scene.skin.shape == Shape::Disc), &electrodes.placement)
+        (scene.skin.radius_m.filter(|_| round), &electrodes.placement)
     else {
         return Ok(None);
     };

@@ -1,10 +1,12 @@
 //! From the scene's keys to the settings of the library crates.
 
-use super::{DifferenceKind, Direction, Driven, OneOrMany, Order, Pair, Scene, Shape, plain};
+use super::{
+    DifferenceKind, Direction, Driven, OneOrMany, Order, Pair, Position, Scene, Shape, plain,
+};
 use crate::error::CliError;
 use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol, Protocol};
-use eit_mesh::{Mesh, MeshSettings, Placement, RimElectrodes, SkinShape};
-use std::path::Path;
+use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
+use std::path::{Path, PathBuf};
 
 /// Drive current where the scene states none, ampere.
 pub(super) const DEFAULT_CURRENT_A: f64 = 1e-4;
@@ -15,49 +17,120 @@ const TRIGONOMETRIC: &str = "trigonometric";
 /// How a scene's mesh comes about.
 pub(crate) enum SceneMesh {
     /// Generated from a shape.
-    Generated { shape: SkinShape, electrodes: RimElectrodes, settings: MeshSettings },
-    /// Read from a Gmsh file.
-    File(std::path::PathBuf),
+    Generated { shape: SkinShape, electrodes: SceneElectrodes, settings: MeshSettings },
+    /// Read from a file, in units of `scale_m` metres; with electrodes put on it where it has none.
+    File { path: PathBuf, scale_m: f64, electrodes: Vec<PlacedElectrode>, settings: MeshSettings },
+}
+
+/// The electrodes that a scene describes.
+pub(crate) enum SceneElectrodes {
+    /// All on the rim and of one width.
+    Rim(RimElectrodes),
+    /// Each at its place and of its size.
+    Placed(Vec<PlacedElectrode>),
+}
+
+impl SceneElectrodes {
+    fn count(&self) -> usize {
+        match self {
+            Self::Rim(electrodes) => electrodes.count(),
+            Self::Placed(electrodes) => electrodes.len(),
+        }
+    }
 }
 
 impl SceneMesh {
+    /// A mesh file that brings its electrodes.
+    pub fn file(path: &Path) -> Self {
+        let (electrodes, settings) = (Vec::new(), MeshSettings::default());
+        Self::File { path: path.to_path_buf(), scale_m: 1.0, electrodes, settings }
+    }
+
     /// Number of electrodes, where it is known before meshing.
     pub fn electrodes(&self) -> Option<usize> {
         match self {
             Self::Generated { electrodes, .. } => Some(electrodes.count()),
-            Self::File(_) => None,
+            Self::File { electrodes, .. } if electrodes.is_empty() => None,
+            Self::File { electrodes, .. } => Some(electrodes.len()),
         }
     }
 
     /// Generates or reads the mesh.
     pub fn build(&self) -> Result<Mesh, CliError> {
-        match self {
-            Self::Generated { shape, electrodes, settings } => {
-                Ok(eit_mesh::generate(shape, electrodes, settings)?)
+        self.build_noted().map(|(mesh, _)| mesh)
+    }
+
+    /// The mesh, and what was mended in the file that it came from.
+    pub fn build_noted(&self) -> Result<(Mesh, Vec<String>), CliError> {
+        let (path, scale_m, electrodes, settings) = match self {
+            Self::Generated { shape, electrodes: SceneElectrodes::Rim(rim), settings } => {
+                return Ok((eit_mesh::generate(shape, rim, settings)?, Vec::new()));
             }
-            // a file that cannot be read is bad input, unlike one that cannot be written
-            Self::File(path) => {
-                eit_mesh::read_gmsh(path).map_err(|e| CliError::input(e.to_string()))
+            Self::Generated { shape, electrodes: SceneElectrodes::Placed(placed), settings } => {
+                return Ok((eit_mesh::generate_placed(shape, placed, settings)?, Vec::new()));
             }
+            Self::File { path, scale_m, electrodes, settings } => {
+                (path, *scale_m, electrodes, settings)
+            }
+        };
+        // a file that cannot be read is bad input, unlike one that cannot be written
+        let (mesh, repairs) =
+            eit_mesh::read_mesh(path, scale_m).map_err(|e| CliError::input(e.to_string()))?;
+        let notes = repairs.notes().into_iter().map(|n| format!("{}: {n}", path.display()));
+        let notes = notes.collect();
+        if electrodes.is_empty() {
+            return Ok((mesh, notes));
         }
+        let own = mesh.electrodes().len();
+        if own > 0 {
+            return Err(CliError::input(format!(
+                "{} brings {own} electrodes and the scene has electrodes.positions_m: keep one",
+                path.display()
+            )));
+        }
+        Ok((eit_mesh::place_electrodes(mesh.surface(), electrodes, settings)?, notes))
     }
 }
 
 impl Scene {
     /// The mesh this scene asks for, checked; `nodes` overrides its density.
     pub fn mesh(&self, nodes: Option<usize>) -> Result<SceneMesh, CliError> {
+        let mut settings = self.mesh_settings()?;
         if let Shape::Mesh = self.skin.shape {
             if nodes.is_some() {
                 return Err(self.error("--nodes is for generated meshes, not for files".to_owned()));
             }
             let file = self.needed(self.skin.file.as_deref(), "skin.file", "shape = \"mesh\"")?;
-            return Ok(SceneMesh::File(self.resolve(file)));
+            let electrodes = match self.electrodes.positions_m {
+                Some(_) => self.placed()?,
+                None => Vec::new(),
+            };
+            let (path, scale_m) = (self.resolve(file), self.skin.scale_m.unwrap_or(1.0));
+            return Ok(SceneMesh::File { path, scale_m, electrodes, settings });
         }
         let shape = self.shape()?;
-        let electrodes = self.rim_electrodes()?;
-        electrodes.validate(&shape.outline()?)?;
+        let electrodes = self.electrodes()?;
+        let nodes = nodes.or(self.mesh.nodes);
+        match &electrodes {
+            SceneElectrodes::Rim(rim) => {
+                rim.validate(&shape.outline()?)?;
+                if let Some(nodes) = nodes {
+                    settings = settings.for_nodes(&shape, rim, nodes)?;
+                }
+            }
+            SceneElectrodes::Placed(placed) => {
+                PlacedElectrode::validate(placed, &shape)?;
+                if let Some(nodes) = nodes {
+                    settings = settings.for_nodes_placed(&shape, placed, nodes)?;
+                }
+            }
+        }
+        Ok(SceneMesh::Generated { shape, electrodes, settings })
+    }
+
+    fn mesh_settings(&self) -> Result<MeshSettings, CliError> {
         let default = MeshSettings::default();
-        let mut settings = MeshSettings {
+        let settings = MeshSettings {
             edge_m: self.mesh.edge_m,
             electrode_edge_m: self.mesh.electrode_edge_m,
             grading: self.mesh.grading.unwrap_or(default.grading),
@@ -65,10 +138,7 @@ impl Scene {
             ..default
         };
         settings.validate()?;
-        if let Some(nodes) = nodes.or(self.mesh.nodes) {
-            settings = settings.for_nodes(&shape, &electrodes, nodes)?;
-        }
-        Ok(SceneMesh::Generated { shape, electrodes, settings })
+        Ok(settings)
     }
 
     fn shape(&self) -> Result<SkinShape, CliError> {
@@ -77,6 +147,10 @@ impl Scene {
             Shape::Disc => {
                 let radius_m = self.needed(skin.radius_m, "skin.radius_m", "a disc")?;
                 SkinShape::Disc { radius_m }
+            }
+            Shape::Hemisphere => {
+                let radius_m = self.needed(skin.radius_m, "skin.radius_m", "a hemisphere")?;
+                SkinShape::Hemisphere { radius_m }
             }
             Shape::Rectangle => SkinShape::Rectangle {
                 width_m: self.needed(skin.width_m, "skin.width_m", "a rectangle")?,
@@ -92,46 +166,109 @@ impl Scene {
         })
     }
 
-    /// The electrodes on the rim of a generated mesh.
-    pub fn rim_electrodes(&self) -> Result<RimElectrodes, CliError> {
+    /// The electrodes of a generated mesh.
+    pub fn electrodes(&self) -> Result<SceneElectrodes, CliError> {
         let keys = &self.electrodes;
-        let width_m = self.needed(keys.width_m, "electrodes.width_m", "electrodes")?;
-        let placement = match (&keys.positions_m, keys.count) {
-            (Some(positions), None) => Placement::At(plain(positions)),
-            (Some(positions), Some(count)) if count == positions.len() => {
-                Placement::At(plain(positions))
+        if let Some(positions) = &keys.positions_m {
+            // equal widths on a flat rim are one setting
+            let flat = positions.iter().all(|p| p.0[2] == 0.0);
+            if let (Some(OneOrMany::One(width_m)), None, true) =
+                (&keys.width_m, &keys.radius_m, flat)
+            {
+                self.same_count(positions.len())?;
+                let placement = Placement::At(positions.iter().map(|p| [p.0[0], p.0[1]]).collect());
+                return Ok(SceneElectrodes::Rim(RimElectrodes { width_m: *width_m, placement }));
             }
-            (Some(positions), Some(count)) => {
-                return Err(self.error(format!(
-                    "electrodes.count is {count}, but electrodes.positions_m has {} positions: \
-                     leave one out",
-                    positions.len()
-                )));
-            }
-            (None, _) => Placement::EquallySpaced {
-                count: self.needed(keys.count, "electrodes.count", "electrodes")?,
-                first_angle_deg: keys.first_angle_deg.unwrap_or(0.0),
-                direction: match keys.direction {
-                    Direction::Counterclockwise => eit_mesh::Direction::Counterclockwise,
-                    Direction::Clockwise => eit_mesh::Direction::Clockwise,
-                },
+            return Ok(SceneElectrodes::Placed(self.placed()?));
+        }
+        let placement = Placement::EquallySpaced {
+            count: self.needed(keys.count, "electrodes.count", "electrodes")?,
+            first_angle_deg: keys.first_angle_deg.unwrap_or(0.0),
+            direction: match keys.direction {
+                Direction::Counterclockwise => eit_mesh::Direction::Counterclockwise,
+                Direction::Clockwise => eit_mesh::Direction::Clockwise,
             },
         };
-        Ok(RimElectrodes { width_m, placement })
+        let widths = self.needed(keys.width_m.as_ref(), "electrodes.width_m", "electrodes")?;
+        if let OneOrMany::One(width_m) = *widths {
+            return Ok(SceneElectrodes::Rim(RimElectrodes { width_m, placement }));
+        }
+        // any one width will do for the centres, so none is given that could be refused
+        let centres = RimElectrodes { width_m: 0.0, placement };
+        let centres_m = centres.centres_m(&self.shape()?.outline()?)?;
+        let widths = self.each("electrodes.width_m", Some(widths), centres_m.len())?;
+        let placed = centres_m.iter().zip(widths);
+        Ok(SceneElectrodes::Placed(
+            placed.map(|(&[x, y], width_m)| PlacedElectrode::rim([x, y, 0.0], width_m)).collect(),
+        ))
+    }
+
+    /// The electrodes at `positions_m`, each with a width or a radius.
+    fn placed(&self) -> Result<Vec<PlacedElectrode>, CliError> {
+        let keys = &self.electrodes;
+        let key = "electrodes.positions_m";
+        let positions = self.needed(keys.positions_m.as_ref(), key, "electrodes by position")?;
+        let count = positions.len();
+        self.same_count(count)?;
+        if keys.width_m.is_none() && keys.radius_m.is_none() {
+            return Err(self.error(
+                "electrodes.width_m is missing: electrodes need it (on the rim), or \
+                 electrodes.radius_m (patches)"
+                    .to_owned(),
+            ));
+        }
+        let widths = self.each("electrodes.width_m", keys.width_m.as_ref(), count)?;
+        let radii = self.each("electrodes.radius_m", keys.radius_m.as_ref(), count)?;
+        let one = |(k, ((at, width_m), radius_m)): (usize, ((&Position, f64), f64))| match (
+            width_m == 0.0,
+            radius_m == 0.0,
+        ) {
+            (false, true) => Ok(PlacedElectrode::rim(at.0, width_m)),
+            (true, false) => Ok(PlacedElectrode::patch(at.0, radius_m)),
+            _ => Err(self.error(format!(
+                "electrode {}: width_m {width_m} and radius_m {radius_m}: an electrode on the \
+                     rim has a width, a patch a radius, the other is 0 in its list",
+                k + 1
+            ))),
+        };
+        positions.iter().zip(widths).zip(radii).enumerate().map(one).collect()
+    }
+
+    /// One value for each electrode; zeros where the key is not there.
+    fn each(
+        &self,
+        key: &str,
+        values: Option<&OneOrMany>,
+        electrodes: usize,
+    ) -> Result<Vec<f64>, CliError> {
+        match values {
+            None => Ok(vec![0.0; electrodes]),
+            Some(OneOrMany::One(value)) => Ok(vec![*value; electrodes]),
+            Some(OneOrMany::Many(values)) if values.len() == electrodes => Ok(values.clone()),
+            Some(OneOrMany::Many(values)) => Err(self.error(format!(
+                "{key} has {} values for {electrodes} electrodes: give one number or one each",
+                values.len()
+            ))),
+        }
+    }
+
+    /// Refuses a count that is not that of the positions.
+    fn same_count(&self, positions: usize) -> Result<(), CliError> {
+        match self.electrodes.count {
+            Some(count) if count != positions => Err(self.error(format!(
+                "electrodes.count is {count}, but electrodes.positions_m has {positions} \
+                 positions: leave one out"
+            ))),
+            _ => Ok(()),
+        }
     }
 
     /// Contact impedance of each electrode.
     pub fn contact_impedance(&self, electrodes: usize) -> Result<Vec<f64>, CliError> {
         let key = "electrodes.contact_impedance_ohm_m";
         let keys = self.electrodes.contact_impedance_ohm_m.as_ref();
-        match self.needed(keys, key, "the complete electrode model")? {
-            OneOrMany::One(z) => Ok(vec![*z; electrodes]),
-            OneOrMany::Many(values) if values.len() == electrodes => Ok(values.clone()),
-            OneOrMany::Many(values) => Err(self.error(format!(
-                "{key} has {} values for {electrodes} electrodes: give one number or one each",
-                values.len()
-            ))),
-        }
+        let values = self.needed(keys, key, "the complete electrode model")?;
+        self.each(key, Some(values), electrodes)
     }
 
     /// The protocol for a number of electrodes.

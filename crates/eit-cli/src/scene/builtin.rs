@@ -1,8 +1,16 @@
 //! Scenes that come with the program.
 
 /// Names of the built-in scenes.
-pub(crate) const NAMES: [&str; 5] =
-    ["paper-disc", "stiff-contact", "high-contrast", "general-32", "single-frame"];
+pub(crate) const NAMES: [&str; 8] = [
+    "paper-disc",
+    "stiff-contact",
+    "high-contrast",
+    "general-32",
+    "single-frame",
+    "plate-with-hole",
+    "patches",
+    "hemisphere",
+];
 
 /// The text of a built-in scene.
 pub(super) fn text(name: &str) -> Option<&'static str> {
@@ -12,6 +20,9 @@ pub(super) fn text(name: &str) -> Option<&'static str> {
         "high-contrast" => Some(HIGH_CONTRAST),
         "general-32" => Some(GENERAL_32),
         "single-frame" => Some(SINGLE_FRAME),
+        "plate-with-hole" => Some(PLATE_WITH_HOLE),
+        "patches" => Some(PATCHES),
+        "hemisphere" => Some(HEMISPHERE),
         _ => None,
     }
 }
@@ -121,4 +132,66 @@ current_a = 1e-4
 
 [reconstruction]
 method = "tv"
+"#;
+
+/// A plate around a joint: corners, a hole, electrodes of two widths on both rims.
+const PLATE_WITH_HOLE: &str = r#"# A rectangular skin with a hole for a joint; electrodes on the outer rim and around the hole.
+[skin]
+shape = "polygon"
+outline = [[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]]
+holes = [[[-0.03, -0.03], [0.03, -0.03], [0.03, 0.03], [-0.03, 0.03]]]
+conductivity_s = 1e-5
+
+[electrodes]
+positions_m = [[-0.1, -0.1], [0.0, -0.1], [0.1, -0.1], [0.15, 0.0],
+               [0.1, 0.1], [0.0, 0.1], [-0.1, 0.1], [-0.15, 0.0],
+               [0.03, 0.0], [0.0, 0.03], [-0.03, 0.0], [0.0, -0.03]]
+width_m = [0.02, 0.02, 0.02, 0.03, 0.02, 0.02, 0.02, 0.03, 0.01, 0.01, 0.01, 0.01]
+contact_impedance_ohm_m = 1e3
+
+[protocol]
+drive = "adjacent"
+measure = "adjacent"
+current_a = 1e-4
+"#;
+
+/// A grid of snaps through the fabric.
+const PATCHES: &str = r#"# A square skin with round snaps through the fabric: patch electrodes, 4 x 4.
+[skin]
+shape = "rectangle"
+width_m = 0.2
+height_m = 0.2
+conductivity_s = 1e-5
+
+[electrodes]
+positions_m = [[-0.075, -0.075], [-0.025, -0.075], [0.025, -0.075], [0.075, -0.075],
+               [0.075, -0.025], [0.025, -0.025], [-0.025, -0.025], [-0.075, -0.025],
+               [-0.075, 0.025], [-0.025, 0.025], [0.025, 0.025], [0.075, 0.025],
+               [0.075, 0.075], [0.025, 0.075], [-0.025, 0.075], [-0.075, 0.075]]
+radius_m = 0.006
+contact_impedance_ohm_m = 1.0 # of patches: ohm square metre
+
+[protocol]
+drive = "adjacent"
+measure = "adjacent"
+current_a = 1e-4
+"#;
+
+/// The paper's skin blown up to a dome: the same voltages, by conformal mapping.
+const HEMISPHERE: &str = r#"# A dome with the paper's electrodes on its rim: on a homogeneous skin, the voltages of paper-disc.
+[skin]
+shape = "hemisphere"
+radius_m = 0.1
+conductivity_s = 1e-5
+
+[electrodes]
+count = 16
+width_m = 0.0196
+first_angle_deg = 90.0
+contact_impedance_ohm_m = 1e3
+
+[protocol]
+drive = "adjacent"
+measure = "adjacent"
+current_a = 1e-4
 "#;

@@ -139,6 +139,9 @@ impl Scene {
         let positions = ("electrodes.positions_m", electrodes.positions_m.is_some());
         let angle = ("electrodes.first_angle_deg", electrodes.first_angle_deg.is_some());
         let file = ("skin.shape = \"mesh\"", skin.shape == Shape::Mesh);
+        // a file that brings its electrodes is taken as it is
+        let own = ("skin.shape = \"mesh\" without positions_m", file.1 && !positions.1);
+        let radius = ("electrodes.radius_m", electrodes.radius_m.is_some());
         let exclusive = [
             (drive, pairs),
             (drive, quadruples),
@@ -154,15 +157,17 @@ impl Scene {
             (("skin.width_m", skin.width_m.is_some()), ("skin.outline", skin.outline.is_some())),
             (file, ("skin.radius_m", skin.radius_m.is_some())),
             (file, ("mesh.nodes", mesh.nodes.is_some())),
-            (file, ("mesh.edge_m", mesh.edge_m.is_some())),
+            (own, ("mesh.edge_m", mesh.edge_m.is_some())),
+            (own, ("mesh.electrode_edge_m", mesh.electrode_edge_m.is_some())),
+            (own, ("mesh.grading", mesh.grading.is_some())),
             (("mesh.nodes", mesh.nodes.is_some()), ("mesh.edge_m", mesh.edge_m.is_some())),
             (
                 ("noise.additive_v", self.noise.additive_v.is_some()),
                 ("noise.quiet_frames", self.noise.quiet_frames.is_some()),
             ),
             (file, ("electrodes.count", electrodes.count.is_some())),
-            (file, ("electrodes.width_m", electrodes.width_m.is_some())),
-            (file, positions),
+            (own, ("electrodes.width_m", electrodes.width_m.is_some())),
+            (own, radius),
             (file, angle),
         ];
         if let Some(((one, _), (other, _))) = exclusive.iter().find(|(a, b)| a.1 && b.1) {
@@ -186,6 +191,8 @@ impl Scene {
                 ("prior = \"laplace\" or \"gaussian\"", smooth),
             ),
             (("skin.file", skin.file.is_some()), file),
+            (("skin.scale_m", skin.scale_m.is_some()), file),
+            (radius, positions),
             (
                 // 0 says that there is no time term, whatever the weight in space
                 (

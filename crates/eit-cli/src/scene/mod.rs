@@ -11,7 +11,7 @@ mod instrument;
 mod parse;
 mod reconstruction;
 
-pub(crate) use build::SceneMesh;
+pub(crate) use build::{SceneElectrodes, SceneMesh};
 pub(crate) use builtin::NAMES as BUILT_IN;
 pub(crate) use instrument::{DriverKind, Instrument, InstrumentKeys};
 pub(crate) use parse::from_toml;
@@ -80,6 +80,8 @@ pub(crate) struct Skin {
     #[serde(default)]
     pub holes: Vec<Vec<Pair<f64>>>,
     pub file: Option<PathBuf>,
+    /// Metres per unit of the file.
+    pub scale_m: Option<f64>,
     pub conductivity_s: f64,
 }
 
@@ -88,6 +90,7 @@ pub(crate) struct Skin {
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum Shape {
     Disc,
+    Hemisphere,
     Rectangle,
     Polygon,
     Mesh,
@@ -98,12 +101,15 @@ pub(crate) enum Shape {
 #[serde(deny_unknown_fields)]
 pub(crate) struct Electrodes {
     pub count: Option<usize>,
-    pub width_m: Option<f64>,
+    /// Length of rim; 0 in a list where the electrode is a patch.
+    pub width_m: Option<OneOrMany>,
+    /// Radius of a patch; 0 in a list where the electrode is on the rim.
+    pub radius_m: Option<OneOrMany>,
     pub first_angle_deg: Option<f64>,
     #[serde(default)]
     pub direction: Direction,
     pub contact_impedance_ohm_m: Option<OneOrMany>,
-    pub positions_m: Option<Vec<Pair<f64>>>,
+    pub positions_m: Option<Vec<Position>>,
 }
 
 /// `electrodes.direction`
@@ -126,6 +132,23 @@ impl<T: Copy> TryFrom<Vec<T>> for Pair<T> {
     fn try_from(values: Vec<T>) -> Result<Self, String> {
         let found = values.len();
         values.try_into().map(Self).map_err(|_| format!("{found} values where two are wanted"))
+    }
+}
+
+/// A place, metres: [x, y], or [x, y, z] on a curved skin.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(try_from = "Vec<f64>")]
+pub(crate) struct Position(pub [f64; 3]);
+
+impl TryFrom<Vec<f64>> for Position {
+    type Error = String;
+
+    fn try_from(values: Vec<f64>) -> Result<Self, String> {
+        match values[..] {
+            [x, y] => Ok(Self([x, y, 0.0])),
+            [x, y, z] => Ok(Self([x, y, z])),
+            _ => Err(format!("{} values where two or three are wanted", values.len())),
+        }
     }
 }
 

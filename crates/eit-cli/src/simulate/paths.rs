@@ -109,10 +109,13 @@ fn territory_m(touches: usize, reach_m: f64, sigma_m: f64) -> f64 {
 fn free_circle(scene: &Scene) -> Result<([f64; 2], f64), CliError> {
     let SceneMesh::Generated { shape, .. } = scene.mesh(None)? else {
         return Err(CliError::input(
-            "a touch movie needs a skin with an outline: disc, rectangle or polygon, not a mesh \
+            "a touch movie needs a flat skin with an outline: disc, rectangle or polygon, not a mesh \
              file",
         ));
     };
+    if let eit_mesh::SkinShape::Hemisphere { .. } = shape {
+        return Err(CliError::input("a touch movie needs a flat skin, not a hemisphere"));
+    }
     let outline = shape.outline()?;
     let middle = outline.centre_m();
     let rims = outline.loops().iter();

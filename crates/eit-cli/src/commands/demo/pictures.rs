@@ -9,6 +9,7 @@ use crate::picture::{
     Canvas, FrameLabels, MeshDrawing, PictureSettings, Plot, Series, SkinDrawing, Track,
     TracksPanel, draw_mesh, draw_plot, draw_sheet, draw_tracks, write_gif,
 };
+use crate::view::View;
 use crate::watch::Model;
 use eit_fem::fabric::Simulation;
 use indicatif::ProgressBar;
@@ -296,7 +297,7 @@ fn mesh(model: &Model) -> Result<Canvas, CliError> {
         title: "The fabric with its 16 electrodes, as it is reconstructed".to_owned(),
         ..Default::default()
     };
-    Ok(draw_mesh(&drawing, &draw::skin_of_mesh(&model.setup.mesh), &settings)?)
+    Ok(draw_mesh(&drawing, &draw::skin_of_mesh(&model.setup.mesh, &View::TOP), &settings)?)
 }
 
 /// Where the fingers go.

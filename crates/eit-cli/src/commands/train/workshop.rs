@@ -143,7 +143,10 @@ fn symmetries(
 ) -> Result<Vec<(DiscSymmetry, MeasurementOrder)>, CliError> {
     let electrodes = &scene.electrodes;
     let alike = !matches!(electrodes.contact_impedance_ohm_m, Some(OneOrMany::Many(_)));
-    let even = scene.skin.shape == Shape::Disc && electrodes.positions_m.is_none() && alike;
+    let even = scene.skin.shape == Shape::Disc
+        && electrodes.positions_m.is_none()
+        && alike
+        && matches!(electrodes.width_m, Some(OneOrMany::One(_)));
     match setup.protocol.quadruples() {
         Some(quadruples) if even => {
             Ok(MeasurementOrder::of_disc(quadruples, setup.mesh.electrodes().len() as u32)?)

@@ -1,0 +1,132 @@
+//! From where a mesh in space is drawn.
+
+use eit_mesh::Surface;
+
+/// A parallel projection: axes to the right, upwards and towards the eye, of length one.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct View {
+    right: [f64; 3],
+    up: [f64; 3],
+    eye: [f64; 3],
+}
+
+/// A surface whose mean normal is shorter than this is closed or nearly so: it looks every way.
+const LOOKS_NOWHERE: f64 = 0.05;
+/// A mean normal so near to +z is +z, so that mesh and images of a flat skin lie over each other.
+const UPRIGHT: f64 = 1e-6;
+
+impl View {
+    /// From +z, as images are.
+    pub const TOP: Self =
+        Self { right: [1.0, 0.0, 0.0], up: [0.0, 1.0, 0.0], eye: [0.0, 0.0, 1.0] };
+
+    /// From where the surface looks on the whole; a closed one from above, in front and the right.
+    pub fn of(surface: &Surface) -> Self {
+        let mut mean = [0.0; 3];
+        for t in 0..surface.triangles().len() {
+            let n = normal(surface.corners(t));
+            mean = [0, 1, 2].map(|k| mean[k] + n[k]);
+        }
+        // normals are as long as twice their area
+        let area_m2: f64 = surface.areas_m2().iter().sum();
+        let eye = match length(mean) > 2.0 * LOOKS_NOWHERE * area_m2 {
+            true => unit(mean),
+            false => unit([1.0, -1.0, 1.0]),
+        };
+        if eye[0].hypot(eye[1]) < UPRIGHT && eye[2] > 0.0 {
+            return Self::TOP;
+        }
+        let upwards = if eye[2].abs() > 0.9 { [0.0, 1.0, 0.0] } else { [0.0, 0.0, 1.0] };
+        let right = unit(cross(upwards, eye));
+        Self { right, up: cross(eye, right), eye }
+    }
+
+    /// Where a point is drawn.
+    pub fn flat(&self, point: [f64; 3]) -> [f64; 2] {
+        [dot(self.right, point), dot(self.up, point)]
+    }
+
+    /// The triangles that look towards the eye, the furthest first.
+    pub fn visible(&self, surface: &Surface) -> Vec<usize> {
+        let towards = |&t: &usize| dot(normal(surface.corners(t)), self.eye) > 0.0;
+        let mut visible: Vec<usize> = (0..surface.triangles().len()).filter(towards).collect();
+        let height = |t: usize| surface.corners(t).iter().map(|&p| dot(p, self.eye)).sum::<f64>();
+        // stable: on a flat skin the order stays
+        visible.sort_by(|&a, &b| height(a).total_cmp(&height(b)));
+        visible
+    }
+
+    /// For a picture's title; nothing where a surface is flat and seen from +z.
+    pub fn words(&self, surface: &Surface) -> String {
+        let [low, high] = surface.bounds_m();
+        if *self == Self::TOP {
+            return if low[2] == high[2] { String::new() } else { ", seen from +z".to_owned() };
+        }
+        let [x, y, z] = self.eye;
+        format!(", seen from [{x:.2}, {y:.2}, {z:.2}]")
+    }
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn length(a: [f64; 3]) -> f64 {
+    dot(a, a).sqrt()
+}
+
+fn unit(a: [f64; 3]) -> [f64; 3] {
+    a.map(|x| x / length(a))
+}
+
+/// Normal of a triangle, twice its area long.
+fn normal([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
+    let from_a = |p: [f64; 3]| [p[0] - a[0], p[1] - a[1], p[2] - a[2]];
+    cross(from_a(b), from_a(c))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn surface(nodes: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> Surface {
+        Surface::new(nodes, triangles).unwrap()
+    }
+
+    /// Lengths in the picture are those of the skin, whatever way it stands.
+    #[test]
+    fn an_upright_plate_is_seen_from_its_front() {
+        let nodes = vec![[0., 0., 0.], [0., 3., 0.], [0., 3., 2.], [0., 0., 2.]];
+        let plate = surface(nodes, vec![[0, 1, 2], [0, 2, 3]]);
+        let view = View::of(&plate);
+        let corners: Vec<[f64; 2]> = plate.nodes().iter().map(|&p| view.flat(p)).collect();
+        let apart = |a: usize, b: usize| {
+            (corners[a][0] - corners[b][0]).hypot(corners[a][1] - corners[b][1])
+        };
+        assert!((apart(0, 1) - 3.0).abs() < 1e-12 && (apart(1, 2) - 2.0).abs() < 1e-12);
+        assert!(corners[3][1] > corners[0][1], "z points upwards");
+        assert_eq!(view.visible(&plate), [0, 1]);
+        assert!(view.words(&plate).contains("seen from ["));
+    }
+
+    #[test]
+    fn flat_skins_are_seen_as_their_images() {
+        let flat = surface(vec![[0., 0., 0.], [3., 0., 0.], [0., 2., 0.]], vec![[0, 1, 2]]);
+        assert_eq!(View::of(&flat), View::TOP);
+        assert_eq!(View::TOP.words(&flat), "");
+        assert_eq!(View::TOP.flat([3.0, 2.0, 7.0]), [3.0, 2.0]);
+    }
+
+    #[test]
+    fn of_a_closed_surface_the_far_side_is_left_out() {
+        let corners = vec![[1., 1., 1.], [1., -1., -1.], [-1., 1., -1.], [-1., -1., 1.]];
+        let link = surface(corners, vec![[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]]);
+        let view = View::of(&link);
+        let visible = view.visible(&link);
+        assert!(!visible.is_empty() && visible.len() < 4, "{visible:?}");
+    }
+}
