@@ -1,6 +1,8 @@
 #![doc = include_str!("../README.md")]
 
 mod accurate;
+#[cfg(feature = "complex")]
+mod admittivity;
 pub mod analytic;
 mod assembly;
 mod electrode_model;
@@ -13,13 +15,20 @@ mod forward;
 mod geometry;
 mod jacobian;
 mod protocol;
+mod scalar;
 mod solution;
 mod solver;
 mod workspace;
 
+#[cfg(feature = "complex")]
+pub use admittivity::{
+    AdmittivityModel, AdmittivityReport, AdmittivitySolution, AdmittivityWorkspace, admittivity,
+};
 pub use error::FemError;
 pub use forward::{ForwardModel, ModelCost};
 pub use geometry::Geometry;
+#[cfg(feature = "complex")]
+pub use num_complex::Complex64;
 pub use protocol::{DrivenElectrodes, Order, PairPattern, PairProtocol, Protocol};
 pub use solution::{Solution, SolvePath, SolveReport};
 pub use workspace::Workspace;

@@ -11,6 +11,7 @@
 
 use crate::FemError;
 use crate::assembly::{Adjacency, Assembly};
+use crate::scalar::Scalar;
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::LltError;
 use faer::linalg::triangular_solve;
@@ -45,7 +46,7 @@ pub(crate) fn order(graph: &Adjacency) -> Result<Vec<u32>, FemError> {
     Ok(new_from_old)
 }
 
-impl Factor {
+impl<T> Factor<T> {
     /// Numbers of matrix values and factor entries, and bytes of scratch memory.
     pub fn sizes(&self) -> (usize, usize, usize) {
         (self.values.len(), self.factor.len(), self.scratch_bytes)
@@ -55,7 +56,8 @@ impl Factor {
 /// The symbolic factorisation of one pattern.
 #[derive(Debug)]
 pub(crate) struct Solver {
-    symbolic: cholesky::SymbolicCholesky<u32>,
+    /// Supernodes; the pattern serves real and complex numbers.
+    pub symbolic: cholesky::SymbolicCholesky<u32>,
     /// Scratch memory of one factorisation.
     scratch: StackReq,
     /// Unknowns of nodes; the rest are electrodes.
@@ -64,15 +66,16 @@ pub(crate) struct Solver {
 }
 
 /// Numeric memory of a [`Solver`]: matrix values, factor, scratch. Owned by the caller.
-pub(crate) struct Factor {
+pub(crate) struct Factor<T = f64> {
     /// Values of the lower triangle.
-    pub values: Vec<f64>,
-    factor: Vec<f64>,
+    pub values: Vec<T>,
+    /// Values of the supernodes.
+    pub factor: Vec<T>,
     memory: MemBuffer,
     scratch_bytes: usize,
     /// Trailing block of the factor, electrodes only.
-    trailing: Mat<f64>,
-    gathered: Vec<f64>,
+    trailing: Mat<T>,
+    gathered: Vec<T>,
 }
 
 impl Solver {
@@ -127,16 +130,25 @@ impl Solver {
         self.scratch.unaligned_bytes_required()
     }
 
-    /// Memory for the numbers.
+    /// Memory for the numbers of [`Solver::factorise`].
     pub fn factor(&self, assembly: &Assembly) -> Result<Factor, FemError> {
+        self.factor_with(assembly, self.scratch)
+    }
+
+    /// Memory for the numbers of a factorisation that needs `scratch`.
+    pub fn factor_with<T: Scalar>(
+        &self,
+        assembly: &Assembly,
+        scratch: StackReq,
+    ) -> Result<Factor<T>, FemError> {
         let electrodes = self.unknowns - self.nodes;
-        let memory = MemBuffer::try_new(self.scratch)
+        let memory = MemBuffer::try_new(scratch)
             .map_err(|_| FemError::OutOfMemory { unknowns: self.unknowns })?;
         Ok(Factor {
-            values: vec![0.0; assembly.entry_count()],
-            factor: vec![0.0; self.symbolic.len_val()],
+            values: vec![T::from(0.0); assembly.entry_count()],
+            factor: vec![T::from(0.0); self.symbolic.len_val()],
             memory,
-            scratch_bytes: self.scratch_bytes(),
+            scratch_bytes: scratch.unaligned_bytes_required(),
             trailing: Mat::zeros(electrodes, electrodes),
             gathered: Vec::new(),
         })
@@ -171,7 +183,11 @@ impl Solver {
         Ok(())
     }
 
-    fn llt<'a>(&'a self, values: &'a [f64]) -> Option<supernodal::SupernodalLltRef<'a, u32, f64>> {
+    /// Values as supernodes.
+    pub fn llt<'a, T>(
+        &'a self,
+        values: &'a [T],
+    ) -> Option<supernodal::SupernodalLltRef<'a, u32, T>> {
         match self.symbolic.raw() {
             cholesky::SymbolicCholeskyRaw::Supernodal(s) => {
                 Some(supernodal::SupernodalLltRef::new(s, values))
@@ -182,10 +198,10 @@ impl Solver {
     }
 
     /// Copies the electrodes' block out of the factor.
-    fn extract_trailing(&self, factor: &mut Factor) {
+    pub fn extract_trailing<T: Scalar>(&self, factor: &mut Factor<T>) {
         let Some(llt) = self.llt(&factor.factor) else { return };
         let trailing = &mut factor.trailing;
-        trailing.fill(0.0);
+        trailing.fill(T::from(0.0));
         for s in (0..llt.symbolic().n_supernodes()).rev() {
             let node = llt.supernode(s);
             let (start, values) = (node.start(), node.val());
@@ -207,7 +223,7 @@ impl Solver {
     }
 
     /// Electrode potentials for electrode currents, in place: `[electrode but ground, pattern]`.
-    pub fn solve_electrodes(&self, factor: &Factor, mut currents: MatMut<'_, f64>) {
+    pub fn solve_electrodes<T: Scalar>(&self, factor: &Factor<T>, mut currents: MatMut<'_, T>) {
         let lower = factor.trailing.as_ref();
         triangular_solve::solve_lower_triangular_in_place(lower, currents.rb_mut(), Par::Seq);
         triangular_solve::solve_upper_triangular_in_place(
@@ -222,9 +238,9 @@ impl Solver {
     /// `x` is [unknown, pattern], row-major with `patterns` columns, so that a gather of unknowns
     /// copies whole rows; on entry its electrode rows hold the currents, on exit all rows hold
     /// potentials. Cost: 2 flops per factor entry and pattern.
-    pub fn solve_fields(&self, factor: &mut Factor, x: &mut [f64], patterns: usize) {
+    pub fn solve_fields<T: Scalar>(&self, factor: &mut Factor<T>, x: &mut [T], patterns: usize) {
         let (nodes, electrodes) = x.split_at_mut(self.nodes * patterns);
-        nodes.fill(0.0);
+        nodes.fill(T::from(0.0));
         let count = self.unknowns - self.nodes;
         let rows = MatMut::from_row_major_slice_mut(electrodes, count, patterns);
         let lower = factor.trailing.as_ref();
@@ -248,11 +264,11 @@ impl Solver {
 }
 
 /// `own = top^-T (own - below^T gathered)`, all row-major with `patterns` columns.
-fn backward_block(
-    top: MatRef<'_, f64>,
-    below: MatRef<'_, f64>,
-    gathered: &[f64],
-    own: &mut [f64],
+fn backward_block<T: Scalar>(
+    top: MatRef<'_, T>,
+    below: MatRef<'_, T>,
+    gathered: &[T],
+    own: &mut [T],
     patterns: usize,
 ) {
     let columns = top.ncols();
@@ -263,7 +279,7 @@ fn backward_block(
         Accum::Add,
         below.transpose(),
         gathered,
-        -1.0,
+        T::from(-1.0),
         Par::Seq,
     );
     triangular_solve::solve_upper_triangular_in_place(top.transpose(), own, Par::Seq);
