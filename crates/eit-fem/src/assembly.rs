@@ -11,6 +11,7 @@
 use crate::electrode_model::Contact;
 use crate::element::{Elements, pair};
 use crate::geometry::Geometry;
+use crate::scalar::Scalar;
 
 /// Lower triangle by columns, and where each element's entries go.
 #[derive(Debug)]
@@ -127,8 +128,8 @@ impl Assembly {
     }
 
     /// `y = A x` and `z = |A| |x|` for one vector, the whole symmetric matrix.
-    pub fn multiply(&self, values: &[f64], x: &[f64], y: &mut [f64], z: &mut [f64]) {
-        y.fill(0.0);
+    pub fn multiply<T: Scalar>(&self, values: &[T], x: &[T], y: &mut [T], z: &mut [f64]) {
+        y.fill(T::from(0.0));
         z.fill(0.0);
         for column in 0..self.column_starts.len() - 1 {
             let from = self.column_starts[column] as usize;
@@ -136,10 +137,10 @@ impl Assembly {
             for (&row, &value) in self.rows[from..to].iter().zip(&values[from..to]) {
                 let row = row as usize;
                 y[row] += value * x[column];
-                z[row] += (value * x[column]).abs();
+                z[row] += (value * x[column]).modulus();
                 if row != column {
                     y[column] += value * x[row];
-                    z[column] += (value * x[row]).abs();
+                    z[column] += (value * x[row]).modulus();
                 }
             }
         }

@@ -23,7 +23,6 @@ pub use displacement::Displacement;
 pub use electrode_motion::ElectrodeMotion;
 
 use crate::element::Elements;
-use crate::fields::{Fields, basis_field};
 use crate::forward::ForwardModel;
 use crate::geometry::Geometry;
 use crate::jacobian::Potentials;
@@ -141,19 +140,5 @@ fn check_shape(
     match checks.into_iter().find(|(_, found, wanted)| found != wanted) {
         None => Ok(()),
         Some((what, found, wanted)) => Err(FemError::WrongLength { what, found, wanted }),
-    }
-}
-
-/// Rows [slot, value] of `width` values: those of basis fields are given, the other slots become
-/// their combinations.
-fn combine(fields: &Fields, rows: &mut [f64], width: usize) {
-    let (basis, others) = rows.split_at_mut(width * fields.basis.nrows());
-    let combined = fields.combinations.iter().filter(|c| basis_field(c).is_none());
-    for (out, combination) in others.chunks_exact_mut(width).zip(combined) {
-        out.fill(0.0);
-        for &(solve, coefficient) in combination {
-            let field = &basis[solve as usize * width..][..width];
-            out.iter_mut().zip(field).for_each(|(o, b)| *o += coefficient * b);
-        }
     }
 }

@@ -128,6 +128,58 @@ pub enum FemError {
         /// Its value, ohm metre (rim) or ohm square metre (patch).
         value: f64,
     },
+    /// An admittivity takes no power and stores none, gives power, or is not finite.
+    #[cfg(feature = "complex")]
+    #[error(
+        "the admittivity of element {element} is {value_s} S: its real part must be zero or above, \
+         and not both parts zero ({count} of the elements are like that; for a hole leave them out of \
+         the mesh)"
+    )]
+    BadAdmittivity {
+        /// Element index.
+        element: usize,
+        /// Its value, siemens.
+        value_s: num_complex::Complex64,
+        /// How many elements are like it.
+        count: usize,
+    },
+    /// A complex contact impedance that a complex model cannot have.
+    #[cfg(feature = "complex")]
+    #[error(
+        "the contact impedance of electrode {electrode} is {value}: beside complex admittivities it \
+         must be finite and not zero, with a real part of zero or above (shunts and ideal current \
+         sources need a skin without capacitance)"
+    )]
+    BadComplexImpedance {
+        /// 1-based number.
+        electrode: usize,
+        /// Its value, ohm metre (rim) or ohm square metre (patch).
+        value: num_complex::Complex64,
+    },
+    /// Inductive and capacitive parts that may cancel.
+    #[cfg(feature = "complex")]
+    #[error(
+        "phases of admittivities and contact admittances lie between {:.3} and {:.3} degrees: they \
+         must stay within less than half a turn, or capacitors and inductors cancel (capacitive \
+         admittivities have positive imaginary parts, capacitive impedances negative ones)",
+        degrees[0], degrees[1]
+    )]
+    OppositePhases {
+        /// Least and greatest phase.
+        degrees: [f64; 2],
+    },
+    /// The factorisation met a pivot that rounding has made.
+    #[cfg(feature = "complex")]
+    #[error(
+        "the pivot of unknown {unknown} of {unknowns} left the phases of the admittivities: they or \
+         the contact impedances span too many decades for this mesh"
+    )]
+    PivotOutOfPhase {
+        /// Position in the elimination order.
+        unknown: usize,
+        /// Number of unknowns.
+        unknowns: usize,
+    },
     /// The factorisation met a pivot that is not positive.
     #[error(
         "the system matrix lost positive definiteness at unknown {unknown} of {unknowns}: the \

@@ -79,10 +79,24 @@ impl Fields {
         let combined = self.combinations.iter().filter(|c| basis_field(c).is_none());
         self.basis.nrows() + combined.count()
     }
+
+    /// Rows [slot, value] of `width` values, something linear in the fields: those of basis fields are
+    /// given, the other slots become their combinations.
+    pub fn combine(&self, rows: &mut [f64], width: usize) {
+        let (basis, others) = rows.split_at_mut(width * self.basis.nrows());
+        let combined = self.combinations.iter().filter(|c| basis_field(c).is_none());
+        for (out, combination) in others.chunks_exact_mut(width).zip(combined) {
+            out.fill(0.0);
+            for &(solve, coefficient) in combination {
+                let field = &basis[solve as usize * width..][..width];
+                out.iter_mut().zip(field).for_each(|(o, b)| *o += coefficient * b);
+            }
+        }
+    }
 }
 
 /// The basis field that a combination is, if it is one.
-pub(crate) fn basis_field(combination: &[(u32, f64)]) -> Option<u32> {
+fn basis_field(combination: &[(u32, f64)]) -> Option<u32> {
     match combination {
         [(solve, 1.0)] => Some(*solve),
         _ => None,

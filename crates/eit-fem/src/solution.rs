@@ -402,7 +402,11 @@ fn plain(
     workspace: &mut Workspace,
 ) -> Result<(), FemError> {
     model.assembly.fill(geometry, conductivity_s, &mut workspace.factor.values);
-    model.solver.factorise(&mut workspace.factor)?;
+    let unknowns = model.unknowns();
+    model
+        .solver
+        .factorise(&mut workspace.factor, 1.0)
+        .map_err(|unknown| FemError::NotPositiveDefinite { unknown, unknowns })?;
     workspace.transfer.fill(0.0);
     workspace.transfer.diagonal_mut().column_vector_mut().fill(1.0);
     model.solver.solve_electrodes(&workspace.factor, workspace.transfer.as_mut());

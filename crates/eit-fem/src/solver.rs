@@ -12,6 +12,7 @@
 use crate::FemError;
 use crate::assembly::{Adjacency, Assembly};
 use crate::cholesky::{Cholesky, Numbers, postordered};
+use crate::scalar::Scalar;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::triangular_solve;
 use faer::prelude::*;
@@ -54,15 +55,15 @@ pub(crate) struct Solver {
 }
 
 /// Numeric memory of a [`Solver`]: matrix values, factor, scratch. Owned by the caller.
-pub(crate) struct Factor {
+pub(crate) struct Factor<T = f64> {
     /// Values of the lower triangle.
-    pub values: Vec<f64>,
-    numbers: Numbers,
+    pub values: Vec<T>,
+    numbers: Numbers<T>,
     /// Trailing block of the factor, electrodes only.
-    trailing: Mat<f64>,
+    trailing: Mat<T>,
 }
 
-impl Factor {
+impl<T> Factor<T> {
     /// Numbers of matrix values, factor entries and entries of scratch memory.
     pub fn sizes(&self) -> (usize, usize, usize) {
         let (factor, stack) = self.numbers.sizes();
@@ -94,27 +95,34 @@ impl Solver {
     }
 
     /// Memory for the numbers.
-    pub fn factor(&self, assembly: &Assembly) -> Result<Factor, FemError> {
+    pub fn factor<T: Scalar>(&self, assembly: &Assembly) -> Result<Factor<T>, FemError> {
         let electrodes = self.unknowns - self.nodes;
         Ok(Factor {
-            values: vec![0.0; assembly.entry_count()],
+            values: vec![T::from(0.0); assembly.entry_count()],
             numbers: self.cholesky.numbers()?,
             trailing: Mat::zeros(electrodes, electrodes),
         })
     }
 
-    /// Factorises the matrix whose values stand in `factor.values`.
-    pub fn factorise(&self, factor: &mut Factor) -> Result<(), FemError> {
+    /// Factorises the matrix whose values stand in `factor.values`. A pivot that is not in the half
+    /// plane around `direction` (real numbers: above zero) is the error: its unknown.
+    pub fn factorise<T: Scalar>(&self, factor: &mut Factor<T>, direction: T) -> Result<(), usize> {
         let Factor { values, numbers, trailing } = factor;
-        self.cholesky.factorise(values, numbers).map_err(|unknown| {
-            FemError::NotPositiveDefinite { unknown, unknowns: self.unknowns }
-        })?;
+        self.cholesky.factorise(values, numbers, direction)?;
         self.cholesky.trailing(numbers, |i, j, value| trailing[(i, j)] = value);
         Ok(())
     }
 
+    /// Largest `(|L| |L^T|)_ii / |a_ii|`: one for positive definite real matrices. The backward
+    /// error of a solve without pivoting is at most this, times roundings (Higham, "Accuracy and
+    /// Stability of Numerical Algorithms", 2nd ed., theorem 9.3).
+    #[cfg(feature = "complex")]
+    pub fn growth<T: Scalar>(&self, factor: &Factor<T>) -> f64 {
+        self.cholesky.growth(&factor.values, &factor.numbers)
+    }
+
     /// Electrode potentials for electrode currents, in place: `[electrode but ground, pattern]`.
-    pub fn solve_electrodes(&self, factor: &Factor, mut currents: MatMut<'_, f64>) {
+    pub fn solve_electrodes<T: Scalar>(&self, factor: &Factor<T>, mut currents: MatMut<'_, T>) {
         let lower = factor.trailing.as_ref();
         triangular_solve::solve_lower_triangular_in_place(lower, currents.rb_mut(), Par::Seq);
         triangular_solve::solve_upper_triangular_in_place(
@@ -129,7 +137,7 @@ impl Solver {
     /// `x` is [unknown, pattern], row-major with `patterns` columns, so that a gather of unknowns
     /// copies whole rows; on entry its electrode rows hold the currents, on exit all rows hold
     /// potentials. Cost: 2 flops per factor entry and pattern.
-    pub fn solve_fields(&self, factor: &mut Factor, x: &mut [f64], patterns: usize) {
+    pub fn solve_fields<T: Scalar>(&self, factor: &mut Factor<T>, x: &mut [T], patterns: usize) {
         let electrodes = &mut x[self.nodes * patterns..];
         let count = self.unknowns - self.nodes;
         let rows = MatMut::from_row_major_slice_mut(electrodes, count, patterns);

@@ -1,9 +1,10 @@
 //! Memory of one forward solve, and the sums over the transfer matrix that fill part of it.
 
 use crate::forward::ForwardModel;
+use crate::scalar::Scalar;
 use crate::solver::Factor;
 use crate::{FemError, Protocol, jacobian};
-use faer::Mat;
+use faer::{Mat, MatRef};
 use ndarray::ArrayView2;
 use std::fmt;
 
@@ -26,6 +27,25 @@ impl Patterns {
         Self {
             stimulations_a: sparse(protocol.stimulations_a()),
             measurements: sparse(protocol.measurement_patterns()),
+        }
+    }
+
+    /// Electrode potentials [stimulation, electrode] from the potentials for unit currents
+    /// [electrode but ground, electrode but ground]; rows sum to zero.
+    pub fn electrode_potentials<T: Scalar>(&self, transfer: MatRef<'_, T>, potentials: &mut [T]) {
+        let ground = transfer.nrows();
+        let rows = potentials.chunks_exact_mut(ground + 1);
+        for (row, currents) in rows.zip(&self.stimulations_a) {
+            row.fill(T::from(0.0));
+            for &(k, current_a) in currents.iter().filter(|c| (c.0 as usize) < ground) {
+                for (l, potential) in row[..ground].iter_mut().enumerate() {
+                    *potential += transfer[(l, k as usize)] * current_a;
+                }
+            }
+            let mut sum = T::from(0.0);
+            row.iter().for_each(|potential| sum += *potential);
+            let mean = sum / row.len() as f64;
+            row.iter_mut().for_each(|potential| *potential -= mean);
         }
     }
 }
@@ -124,17 +144,6 @@ impl Workspace {
 
     /// Electrode potentials of every stimulation from the transfer matrix; rows sum to zero.
     pub(crate) fn fill_electrode_potentials(&mut self, patterns: &Patterns) {
-        let ground = self.transfer.nrows();
-        let rows = self.electrode_potentials.chunks_exact_mut(ground + 1);
-        for (row, currents) in rows.zip(&patterns.stimulations_a) {
-            row.fill(0.0);
-            for &(k, current_a) in currents.iter().filter(|c| (c.0 as usize) < ground) {
-                for (l, potential) in row[..ground].iter_mut().enumerate() {
-                    *potential += self.transfer[(l, k as usize)] * current_a;
-                }
-            }
-            let mean = row.iter().sum::<f64>() / row.len() as f64;
-            row.iter_mut().for_each(|potential| *potential -= mean);
-        }
+        patterns.electrode_potentials(self.transfer.as_ref(), &mut self.electrode_potentials);
     }
 }

@@ -10,6 +10,8 @@
 //!
 //! The unknowns from `nodes` on are one front, the last: its factor is the trailing block.
 //!
+//! Numbers are real or complex; complex matrices are symmetric, not Hermitian: nothing is conjugated.
+//!
 //! Rounding is that of Cholesky's method in any order of its sums; the result is the same for any
 //! number of threads, and may differ in the last bits between machines with and without fused
 //! multiplication and addition.
@@ -19,6 +21,7 @@ mod symbolic;
 
 use crate::FemError;
 use crate::assembly::Adjacency;
+use crate::scalar::Scalar;
 use pulp::{Arch, Simd, WithSimd};
 use symbolic::{LANES, Symbolic};
 
@@ -37,14 +40,14 @@ pub(crate) struct Cholesky {
 }
 
 /// Numbers of a factorisation, owned by the caller.
-pub(crate) struct Numbers {
-    factor: Vec<f64>,
-    stack: Vec<f64>,
+pub(crate) struct Numbers<T = f64> {
+    factor: Vec<T>,
+    stack: Vec<T>,
     /// Local rows of one front in a sweep.
-    rows: Vec<f64>,
+    rows: Vec<T>,
 }
 
-impl Numbers {
+impl<T> Numbers<T> {
     /// Lengths of factor and stack: what a factorisation relies on.
     pub fn sizes(&self) -> (usize, usize) {
         (self.factor.len(), self.stack.len())
@@ -77,13 +80,13 @@ impl Cholesky {
     ///
     /// # Errors
     /// [`FemError::OutOfMemory`].
-    pub fn numbers(&self) -> Result<Numbers, FemError> {
+    pub fn numbers<T: Scalar>(&self) -> Result<Numbers<T>, FemError> {
         let unknowns = self.starts.len() - 1;
-        let zeros = |length: usize| -> Result<Vec<f64>, FemError> {
+        let zeros = |length: usize| -> Result<Vec<T>, FemError> {
             let mut values = Vec::new();
             let reserved = values.try_reserve_exact(length);
             reserved.map_err(|_| FemError::OutOfMemory { unknowns })?;
-            values.resize(length, 0.0);
+            values.resize(length, T::from(0.0));
             Ok(values)
         };
         Ok(Numbers {
@@ -93,15 +96,43 @@ impl Cholesky {
         })
     }
 
-    /// Factorises the matrix with these values; the unknown whose pivot is not above zero and finite
-    /// is the error.
-    pub fn factorise(&self, values: &[f64], numbers: &mut Numbers) -> Result<(), usize> {
-        self.arch.dispatch(Factorise { cholesky: self, values, numbers })
+    /// `A = L L^T` of the matrix with these values, without conjugates and without pivoting; the
+    /// unknown whose pivot is not finite or not in the half plane around `direction` (real numbers:
+    /// above zero) is the error.
+    pub fn factorise<T: Scalar>(
+        &self,
+        values: &[T],
+        numbers: &mut Numbers<T>,
+        direction: T,
+    ) -> Result<(), usize> {
+        self.arch.dispatch(Factorise { cholesky: self, values, numbers, direction })
+    }
+
+    /// Largest `(|L| |L^T|)_ii / |a_ii|`.
+    #[cfg(feature = "complex")]
+    pub fn growth<T: Scalar>(&self, values: &[T], numbers: &Numbers<T>) -> f64 {
+        let mut sums = vec![0.0; self.starts.len() - 1];
+        for front in &self.symbolic.fronts {
+            let below = &self.symbolic.below[front.below_at..][..front.below];
+            let panel = &numbers.factor[front.panel..][..front.columns * front.stride];
+            for (j, column) in panel.chunks_exact(front.stride).enumerate() {
+                for i in j..front.columns {
+                    sums[front.first + i] += column[i].modulus().powi(2);
+                }
+                for (&row, l) in below.iter().zip(&column[front.padded..]) {
+                    sums[row as usize] += l.modulus().powi(2);
+                }
+            }
+        }
+        // rows ascend within a column of the lower triangle: its first entry is the diagonal
+        let diagonal = self.starts.iter().map(|&k| k as usize);
+        let ratios = sums.iter().zip(diagonal).map(|(sum, k)| sum / values[k].modulus());
+        ratios.fold(0.0, f64::max)
     }
 
     /// The factor of the unknowns from `nodes` on: calls with (row, column, value), counted from
     /// there.
-    pub fn trailing(&self, numbers: &Numbers, mut take: impl FnMut(usize, usize, f64)) {
+    pub fn trailing<T: Scalar>(&self, numbers: &Numbers<T>, mut take: impl FnMut(usize, usize, T)) {
         let Some(front) = self.symbolic.fronts.last() else { return };
         let panel = &numbers.factor[front.panel..][..front.columns * front.stride];
         for (j, column) in panel.chunks_exact(front.stride).enumerate() {
@@ -111,36 +142,37 @@ impl Cholesky {
 
     /// `L^T x = y` in place, `x` [unknown, right-hand side] with `count` columns, where `y` is zero
     /// for the unknowns before `nodes`. Memory for rows grows at the first call.
-    pub fn solve_back(&self, numbers: &mut Numbers, x: &mut [f64], count: usize) {
+    pub fn solve_back<T: Scalar>(&self, numbers: &mut Numbers<T>, x: &mut [T], count: usize) {
         let lanes = count.next_multiple_of(LANES);
         let length = self.symbolic.longest * lanes;
         if numbers.rows.len() < length {
-            numbers.rows.resize(length, 0.0);
+            numbers.rows.resize(length, T::from(0.0));
         }
-        x[..self.nodes * count].fill(0.0);
+        x[..self.nodes * count].fill(T::from(0.0));
         self.arch.dispatch(SolveBack { cholesky: self, numbers, x, count, lanes });
     }
 }
 
-struct Factorise<'a> {
+struct Factorise<'a, T> {
     cholesky: &'a Cholesky,
-    values: &'a [f64],
-    numbers: &'a mut Numbers,
+    values: &'a [T],
+    numbers: &'a mut Numbers<T>,
+    direction: T,
 }
 
-impl WithSimd for Factorise<'_> {
+impl<T: Scalar> WithSimd for Factorise<'_, T> {
     type Output = Result<(), usize>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let Self { cholesky: Cholesky { symbolic, starts, .. }, values, numbers } = self;
+        let Self { cholesky: Cholesky { symbolic, starts, .. }, values, numbers, direction } = self;
         let Numbers { factor, stack, .. } = numbers;
         let mut top = 0;
         for &f in &symbolic.sequence {
             let node = &symbolic.fronts[f as usize];
             let stride = node.stride;
             let panel = &mut factor[node.panel..][..node.columns * stride];
-            panel.fill(0.0);
+            panel.fill(T::from(0.0));
             let from = starts[node.first] as usize;
             let to = starts[node.first + node.columns] as usize;
             for (&place, &value) in symbolic.places[from..to].iter().zip(&values[from..to]) {
@@ -163,11 +195,12 @@ impl WithSimd for Factorise<'_> {
                 let (panel, rest) = ((&mut *panel, stride), (&mut *rest, node.padded));
                 front::add_child(left, child_side, places, panel, rest);
             }
-            front::eliminate(panel, node.columns, stride).map_err(|c| node.first + c)?;
+            front::eliminate(panel, node.columns, stride, direction)
+                .map_err(|column| node.first + column)?;
             if children.is_empty() {
-                front::subtract::<true>(panel, node.padded, stride, rest);
+                front::subtract::<T, true>(panel, node.padded, stride, rest);
             } else {
-                front::subtract::<false>(panel, node.padded, stride, rest);
+                front::subtract::<T, false>(panel, node.padded, stride, rest);
             }
             if base < top {
                 stack.copy_within(top..top + side * side, base);
@@ -178,15 +211,15 @@ impl WithSimd for Factorise<'_> {
     }
 }
 
-struct SolveBack<'a> {
+struct SolveBack<'a, T> {
     cholesky: &'a Cholesky,
-    numbers: &'a mut Numbers,
-    x: &'a mut [f64],
+    numbers: &'a mut Numbers<T>,
+    x: &'a mut [T],
     count: usize,
     lanes: usize,
 }
 
-impl WithSimd for SolveBack<'_> {
+impl<T: Scalar> WithSimd for SolveBack<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -200,8 +233,8 @@ impl WithSimd for SolveBack<'_> {
             copy_rows(own, count, rows, lanes);
             let below = &symbolic.below[node.below_at..][..node.below];
             // a padding row times zero must be zero, whatever an earlier solve left there
-            rows[columns * lanes..node.padded * lanes].fill(0.0);
-            rows[(node.padded + node.below) * lanes..].fill(0.0);
+            rows[columns * lanes..node.padded * lanes].fill(T::from(0.0));
+            rows[(node.padded + node.below) * lanes..].fill(T::from(0.0));
             let local = rows[node.padded * lanes..].chunks_exact_mut(lanes);
             for (row, &unknown) in local.zip(below) {
                 row[..count].copy_from_slice(&x[unknown as usize * count..][..count]);
@@ -216,7 +249,7 @@ impl WithSimd for SolveBack<'_> {
 
 /// Copies rows of one width to rows of another, as much as fits both.
 #[inline(always)]
-fn copy_rows(from: &[f64], from_width: usize, to: &mut [f64], to_width: usize) {
+fn copy_rows<T: Scalar>(from: &[T], from_width: usize, to: &mut [T], to_width: usize) {
     let width = from_width.min(to_width);
     for (to, from) in to.chunks_exact_mut(to_width).zip(from.chunks_exact(from_width)) {
         to[..width].copy_from_slice(&from[..width]);
@@ -260,11 +293,11 @@ mod tests {
     ) -> f64 {
         let count = starts.len() - 1;
         let cholesky = Cholesky::new(starts, rows, nodes);
-        let mut numbers = cholesky.numbers().unwrap();
+        let mut numbers: Numbers = cholesky.numbers().unwrap();
         // what an earlier run left must not matter
         numbers.factor.fill(f64::NAN);
         numbers.stack.fill(f64::NAN);
-        cholesky.factorise(values, &mut numbers).unwrap();
+        cholesky.factorise(values, &mut numbers, 1.0).unwrap();
         let trailing = count - nodes;
         let mut lower = vec![vec![0.0; trailing]; trailing];
         cholesky.trailing(&numbers, |i, j, value| lower[i][j] = value);
@@ -357,13 +390,13 @@ mod tests {
     fn names_the_unknown_whose_pivot_fails() {
         let (starts, rows, mut values) = matrix(9, &[(0, 1, 1.0), (1, 2, 1.0), (2, 8, 1.0)]);
         let cholesky = Cholesky::new(&starts, &rows, 8);
-        let mut numbers = cholesky.numbers().unwrap();
+        let mut numbers: Numbers = cholesky.numbers().unwrap();
         for (bad, unknown) in [(-1.0, 5), (f64::NAN, 5), (f64::INFINITY, 5), (0.0, 0), (-3.0, 8)] {
             let (at, kept) = (starts[unknown] as usize, values[starts[unknown] as usize]);
             values[at] = bad;
-            assert_eq!(cholesky.factorise(&values, &mut numbers), Err(unknown));
+            assert_eq!(cholesky.factorise(&values, &mut numbers, 1.0), Err(unknown));
             values[at] = kept;
-            assert_eq!(cholesky.factorise(&values, &mut numbers), Ok(()));
+            assert_eq!(cholesky.factorise(&values, &mut numbers, 1.0), Ok(()));
         }
     }
 }

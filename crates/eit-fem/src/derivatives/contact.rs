@@ -10,7 +10,7 @@
 //!
 //! (the mixed terms vanish: deviations have mean zero).
 
-use super::{Solved, combine};
+use super::Solved;
 use crate::FemError;
 use crate::electrode_model::measure;
 use ndarray::ArrayViewMut2;
@@ -73,7 +73,7 @@ impl ContactFields {
             let mean = integral / (corners as f64 * total);
             relative.iter_mut().for_each(|u| *u = mean - *u);
         }
-        combine(fields, &mut rows, width);
+        fields.combine(&mut rows, width);
         Self { measure: total, measures, corners, rows }
     }
 

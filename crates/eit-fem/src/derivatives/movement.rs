@@ -13,7 +13,7 @@
 
 use super::contact::{ContactFields, Under, mean_product};
 use super::vector::{Vector, cross, dot, norm, scaled, sub};
-use super::{Displacement, Solved, combine};
+use super::{Displacement, Solved};
 use crate::element::gradient;
 use ndarray::ArrayViewMut2;
 
@@ -220,7 +220,7 @@ fn gather(solved: &Solved<'_>, elements: &[u32], gradients: &mut [f64]) {
             (out[i], out[BLOCK + i]) = (x, y);
         }
     }
-    combine(fields, gradients, 2 * BLOCK);
+    fields.combine(gradients, 2 * BLOCK);
 }
 
 /// Adds what stretched parts of electrodes contribute.

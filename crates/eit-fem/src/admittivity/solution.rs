@@ -1,0 +1,252 @@
+//! Numbers of one solve with complex admittivity: voltages, fields, Jacobian, certificate.
+//!
+//! As in the real model, voltages come from the trailing block of the factor, fields are solved for
+//! when something first asks for them, and after the first solve with a workspace nothing is
+//! allocated by [`AdmittivityModel::solve`], [`AdmittivitySolution::measurements_into`] and
+//! [`AdmittivitySolution::jacobian_into`].
+
+use super::phases::Phases;
+use super::{AdmittivityModel, AdmittivityWorkspace, jacobian};
+use crate::FemError;
+use ndarray::{Array1, Array2, ArrayViewMut2};
+use num_complex::Complex64;
+use std::time::{Duration, Instant};
+
+/// The solved forward problem of one admittivity.
+#[derive(Debug)]
+pub struct AdmittivitySolution<'a> {
+    model: &'a AdmittivityModel,
+    workspace: &'a mut AdmittivityWorkspace,
+    phases: Phases,
+    fields_solved: bool,
+    /// Backward error and growth.
+    quality: Option<(f64, f64)>,
+    time: Duration,
+}
+
+/// How a solve with complex admittivity went.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AdmittivityReport {
+    /// Node and electrode potentials.
+    pub unknowns: usize,
+    /// Stored entries of the factor, 16 bytes each.
+    pub factor_entries: usize,
+    /// Fields solved: the rank of the protocol's patterns.
+    pub field_solves: usize,
+    /// Between the least and the greatest phase of admittivities and contact admittances, degrees:
+    /// 0 where everything is resistive, at most 90 without inductors. Near 180 (resonance) growth
+    /// is without bound.
+    pub phase_span_deg: f64,
+    /// What elimination without pivoting may multiply rounding by: the largest
+    /// `(|L| |L^T|)_ii / |a_ii|`. 1 where everything is resistive, below 3 without inductors.
+    pub growth: f64,
+    /// Largest componentwise backward error `|A x - b|_i / (|A| |x| + |b|)_i` of the fields
+    /// (Oettli and Prager 1964): 1e-16 is as exact as the matrix itself.
+    pub backward_error: f64,
+    /// What rounding may have cost the voltages, relative to the largest:
+    /// `1000 eps growth max |a_ii| / min |a_ii|` over the diagonal, an estimate as in
+    /// [`SolveReport::expected_loss`](crate::SolveReport::expected_loss).
+    pub expected_loss: f64,
+    /// Time of assembly, factorisation and fields, seconds.
+    pub time_s: f64,
+}
+
+impl<'a> AdmittivitySolution<'a> {
+    /// Assembles and factorises for an admittivity that has been checked.
+    pub(super) fn new(
+        model: &'a AdmittivityModel,
+        admittivity_s: &[Complex64],
+        phases: Phases,
+        workspace: &'a mut AdmittivityWorkspace,
+    ) -> Result<Self, FemError> {
+        let start = Instant::now();
+        workspace.check(model)?;
+        let direction = phases.direction()?;
+        let real = &model.real;
+        workspace.assemble(model, admittivity_s);
+        let AdmittivityWorkspace { factor, transfer, electrode_potentials, .. } = &mut *workspace;
+        real.solver
+            .factorise(factor, direction)
+            .map_err(|unknown| FemError::PivotOutOfPhase { unknown, unknowns: real.unknowns() })?;
+        transfer.fill(Complex64::new(0.0, 0.0));
+        transfer.diagonal_mut().column_vector_mut().fill(Complex64::new(1.0, 0.0));
+        real.solver.solve_electrodes(factor, transfer.as_mut());
+        real.patterns.electrode_potentials(transfer.as_ref(), electrode_potentials);
+        workspace.check_potentials()?;
+        let time = start.elapsed();
+        Ok(Self { model, workspace, phases, fields_solved: false, quality: None, time })
+    }
+
+    /// Voltages in protocol order, volt.
+    pub fn measurements(&self) -> Array1<Complex64> {
+        (0..self.model.protocol().measurements()).map(|datum| self.voltage(datum)).collect()
+    }
+
+    /// [`AdmittivitySolution::measurements`] into memory of the caller; allocates nothing.
+    ///
+    /// # Errors
+    /// [`FemError::WrongLength`] if there is not one value per measurement.
+    pub fn measurements_into(&self, voltages_v: &mut [Complex64]) -> Result<(), FemError> {
+        let (found, wanted) = (voltages_v.len(), self.model.protocol().measurements());
+        if found != wanted {
+            let what = "voltages (one per measurement)";
+            return Err(FemError::WrongLength { what, found, wanted });
+        }
+        voltages_v.iter_mut().enumerate().for_each(|(datum, v)| *v = self.voltage(datum));
+        Ok(())
+    }
+
+    fn voltage(&self, datum: usize) -> Complex64 {
+        let [stimulation, pattern] = self.model.protocol().data()[datum].map(|i| i as usize);
+        let electrodes = self.model.protocol().electrodes();
+        let potentials = &self.workspace.electrode_potentials[stimulation * electrodes..];
+        let weights = &self.model.real.patterns.measurements[pattern];
+        weights.iter().map(|&(l, weight)| potentials[l as usize] * weight).sum()
+    }
+
+    /// Electrode potentials [stimulation, electrode], volt; each row sums to zero.
+    pub fn electrode_potentials(&self) -> Array2<Complex64> {
+        let electrodes = self.model.protocol().electrodes();
+        let stimulations = self.model.real.patterns.stimulations_a.len();
+        let values = &self.workspace.electrode_potentials;
+        Array2::from_shape_fn((stimulations, electrodes), |(s, l)| values[s * electrodes + l])
+    }
+
+    /// Potentials inside the skin [stimulation, node], volt, on the scale of
+    /// [`AdmittivitySolution::electrode_potentials`].
+    pub fn node_potentials(&mut self) -> Array2<Complex64> {
+        self.solve_fields();
+        let real = &self.model.real;
+        let solves = real.fields.basis.nrows();
+        let electrodes = real.protocol().electrodes();
+        let shape = (real.patterns.stimulations_a.len(), real.unknown_of_node.len());
+        let mut result = Array2::zeros(shape);
+        for (s, mut row) in result.rows_mut().into_iter().enumerate() {
+            // fields are zero at the ground electrode
+            let ground_v = self.workspace.electrode_potentials[(s + 1) * electrodes - 1];
+            let (field, factor) = real.fields.stimulations[s];
+            let weights = &real.fields.combinations[field as usize];
+            for (value, &unknown) in row.iter_mut().zip(&real.unknown_of_node) {
+                let u = &self.workspace.potentials[unknown as usize * solves..][..solves];
+                let sum: Complex64 = weights.iter().map(|&(r, c)| u[r as usize] * c).sum();
+                *value = ground_v + sum * factor;
+            }
+        }
+        result
+    }
+
+    /// Jacobian [measurement, element] in volt per siemens: the holomorphic derivative of each
+    /// voltage with respect to the admittivity of each element, so that a change `d` of complex
+    /// admittivity changes the voltages by `J d`.
+    pub fn jacobian(&mut self) -> Array2<Complex64> {
+        let shape = (self.model.protocol().measurements(), self.model.elements());
+        let mut jacobian = Array2::zeros(shape);
+        self.fill_jacobian(jacobian.view_mut());
+        jacobian
+    }
+
+    /// [`AdmittivitySolution::jacobian`] into memory of the caller.
+    ///
+    /// # Errors
+    /// [`FemError::WrongLength`] if the shape is not [measurement, element].
+    pub fn jacobian_into(
+        &mut self,
+        jacobian: ArrayViewMut2<'_, Complex64>,
+    ) -> Result<(), FemError> {
+        let model = self.model;
+        let checks = [
+            ("rows of the Jacobian", jacobian.nrows(), model.protocol().measurements()),
+            ("columns of the Jacobian", jacobian.ncols(), model.elements()),
+        ];
+        for (what, found, wanted) in checks {
+            if found != wanted {
+                return Err(FemError::WrongLength { what, found, wanted });
+            }
+        }
+        self.fill_jacobian(jacobian);
+        Ok(())
+    }
+
+    fn fill_jacobian(&mut self, jacobian: ArrayViewMut2<'_, Complex64>) {
+        self.solve_fields();
+        let AdmittivityWorkspace { potentials, block, .. } = &mut *self.workspace;
+        jacobian::fill(&self.model.real, potentials, block, jacobian);
+    }
+
+    /// How the solve went. The first call solves the fields, if nothing has needed them yet,
+    /// multiplies each by the matrix and reads the factor once; later calls copy the result.
+    pub fn report(&mut self) -> AdmittivityReport {
+        self.solve_fields();
+        let real = &self.model.real;
+        let (backward_error, growth) = match self.quality {
+            Some(known) => known,
+            None => {
+                let growth = real.solver.growth(&self.workspace.factor);
+                *self.quality.insert((self.backward_error(), growth))
+            }
+        };
+        AdmittivityReport {
+            unknowns: real.unknowns(),
+            factor_entries: real.solver.factor_entries(),
+            field_solves: real.fields.basis.nrows(),
+            phase_span_deg: self.phases.span().to_degrees(),
+            growth,
+            backward_error,
+            expected_loss: 1000.0 * f64::EPSILON * growth * self.spread(),
+            time_s: self.time.as_secs_f64(),
+        }
+    }
+
+    fn solve_fields(&mut self) {
+        if self.fields_solved {
+            return;
+        }
+        let start = Instant::now();
+        let real = &self.model.real;
+        let basis = &real.fields.basis;
+        let (solves, nodes) = (basis.nrows(), real.unknown_of_node.len());
+        let AdmittivityWorkspace { potentials, factor, .. } = &mut *self.workspace;
+        for (k, row) in potentials[nodes * solves..].chunks_exact_mut(solves).enumerate() {
+            row.iter_mut().zip(basis.column(k)).for_each(|(x, i)| *x = Complex64::from(*i));
+        }
+        real.solver.solve_fields(factor, potentials, solves);
+        self.fields_solved = true;
+        self.time += start.elapsed();
+    }
+
+    fn backward_error(&self) -> f64 {
+        let real = &self.model.real;
+        let basis = &real.fields.basis;
+        let (solves, nodes) = (basis.nrows(), real.unknown_of_node.len());
+        let unknowns = real.unknowns();
+        let mut x = vec![Complex64::new(0.0, 0.0); unknowns];
+        let (mut product, mut size) = (x.clone(), vec![0.0; unknowns]);
+        let mut worst = 0.0_f64;
+        for r in 0..solves {
+            for (x, row) in x.iter_mut().zip(self.workspace.potentials.chunks_exact(solves)) {
+                *x = row[r];
+            }
+            let values = &self.workspace.factor.values;
+            real.assembly.multiply(values, &x, &mut product, &mut size);
+            for i in 0..unknowns {
+                let b = if i < nodes { 0.0 } else { basis[[r, i - nodes]] };
+                let scale = size[i] + b.abs();
+                if scale > 0.0 {
+                    worst = worst.max((product[i] - b).norm() / scale);
+                }
+            }
+        }
+        worst
+    }
+
+    /// Largest over smallest entry of the assembled diagonal.
+    fn spread(&self) -> f64 {
+        let real = &self.model.real;
+        // rows ascend within a column of the lower triangle: its first entry is the diagonal
+        let starts = &real.assembly.column_starts[..real.unknowns()];
+        let diagonal = starts.iter().map(|&k| self.workspace.factor.values[k as usize].norm());
+        let (least, most) =
+            diagonal.fold((f64::INFINITY, 0.0_f64), |(least, most), d| (least.min(d), most.max(d)));
+        most / least
+    }
+}
