@@ -114,7 +114,11 @@ impl ForwardModel {
         let mut element_nodes = Vec::with_capacity(surface.triangles().len() * elements.nodes());
         surface.triangles().iter().for_each(|t| middles.extend(t, &mut element_nodes));
         let graph = Assembly::adjacency(elements, &element_nodes, &contacts, nodes);
-        let unknown_of_node = order(&graph)?;
+        let mut positions_m = surface.nodes().to_vec();
+        positions_m.resize(nodes, [0.0; 3]);
+        let (of_nodes, of_middles) = positions_m.split_at_mut(surface.nodes().len());
+        middles.places(of_nodes, |middle, position_m| of_middles[middle] = position_m);
+        let unknown_of_node = order(&graph, &positions_m)?;
         let contacts: Vec<Contact> =
             contacts.iter().map(|c| c.renumbered(&unknown_of_node)).collect();
         element_nodes.iter_mut().for_each(|node| *node = unknown_of_node[*node as usize]);

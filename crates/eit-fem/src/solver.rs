@@ -6,12 +6,12 @@
 //! electrode). So a frame of voltages costs one factorisation; fields inside the skin cost one
 //! backward sweep for each independent pattern.
 //!
-//! Node ordering: approximate minimum degree (Amestoy, Davis, Duff 1996) on the nodes alone, by
-//! faer. Factorisation and sweeps: [`crate::cholesky`].
+//! Node ordering: approximate minimum degree (Amestoy, Davis, Duff 1996) by faer, on the nodes alone;
+//! nested dissection where a mesh is large. Factorisation and sweeps: [`crate::cholesky`].
 
 use crate::FemError;
 use crate::assembly::{Adjacency, Assembly};
-use crate::cholesky::{Cholesky, Numbers, postordered};
+use crate::cholesky::{self, Cholesky, Numbers};
 use crate::scalar::Scalar;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::triangular_solve;
@@ -20,8 +20,13 @@ use faer::sparse::SymbolicSparseColMatRef;
 use faer::sparse::linalg::amd;
 use faer::{MatMut, Par};
 
-/// Elimination order of nodes that keeps the factor sparse: `new_from_old`.
-pub(crate) fn order(graph: &Adjacency) -> Result<Vec<u32>, FemError> {
+/// Elimination order of nodes that keeps the factor sparse: `new_from_old`. `positions_m`: their
+/// places, or nothing.
+pub(crate) fn order(graph: &Adjacency, positions_m: &[[f64; 3]]) -> Result<Vec<u32>, FemError> {
+    cholesky::order(graph, positions_m, minimum_degree)
+}
+
+fn minimum_degree(graph: &Adjacency) -> Result<Vec<u32>, FemError> {
     let unknowns = graph.starts.len() - 1;
     let too_large = FemError::OutOfMemory { unknowns };
     let (mut old_from_new, mut new_from_old) = (vec![0u32; unknowns], vec![0u32; unknowns]);
@@ -42,7 +47,7 @@ pub(crate) fn order(graph: &Adjacency) -> Result<Vec<u32>, FemError> {
         MemStack::new(&mut memory),
     )
     .map_err(|_| too_large)?;
-    Ok(postordered(graph, &new_from_old))
+    Ok(new_from_old)
 }
 
 /// The symbolic factorisation of one pattern.

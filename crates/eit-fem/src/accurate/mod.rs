@@ -116,7 +116,7 @@ impl Places {
                 links.extend(ends.iter().filter(|j| **j != i).map(|&j| (i, j)));
             }
         }
-        let new_from_old = order(&Adjacency::from_links(inner_of.len(), links))?;
+        let new_from_old = order(&Adjacency::from_links(inner_of.len(), links), &[])?;
         for (k, &v) in inner_of.iter().enumerate() {
             of_variable[v] = Some(new_from_old[k]);
         }

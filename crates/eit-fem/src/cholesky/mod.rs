@@ -16,6 +16,7 @@
 //! number of threads, and may differ in the last bits between machines with and without fused
 //! multiplication and addition.
 
+mod dissection;
 mod front;
 mod symbolic;
 
@@ -25,9 +26,24 @@ use crate::scalar::Scalar;
 use pulp::{Arch, Simd, WithSimd};
 use symbolic::{LANES, Symbolic};
 
-/// Elimination order of nodes that keeps subtrees of a fill-reducing order together.
-pub(crate) fn postordered(graph: &Adjacency, new_from_old: &[u32]) -> Vec<u32> {
-    symbolic::postordered(graph, new_from_old)
+/// Nodes from which on nested dissection is tried: below, minimum degree needs less.
+const LARGE: usize = 4_000;
+
+/// Elimination order of nodes, `new_from_old`: by `minimum_degree`, or by nested dissection with it
+/// where the mesh is large, its nodes have places and that takes less work.
+pub(crate) fn order<E>(
+    graph: &Adjacency,
+    positions_m: &[[f64; 3]],
+    minimum_degree: impl Fn(&Adjacency) -> Result<Vec<u32>, E>,
+) -> Result<Vec<u32>, E> {
+    let (whole, flops) = symbolic::postordered(graph, &minimum_degree(graph)?);
+    let count = graph.starts.len() - 1;
+    if count < LARGE || positions_m.len() != count {
+        return Ok(whole);
+    }
+    let dissected = dissection::order(graph, positions_m, minimum_degree)?;
+    let (dissected, dissected_flops) = symbolic::postordered(graph, &dissected);
+    Ok(if dissected_flops < flops { dissected } else { whole })
 }
 
 /// The symbolic factorisation of one pattern.
@@ -368,7 +384,7 @@ mod tests {
         }
         let both = links.iter().flat_map(|l| [(l.0 as u32, l.1 as u32), (l.1 as u32, l.0 as u32)]);
         let graph = Adjacency::from_links(side * side, both.collect());
-        let order = crate::solver::order(&graph).unwrap();
+        let order = crate::solver::order(&graph, &[]).unwrap();
         let mut links: Vec<(usize, usize, f64)> =
             links.iter().map(|l| (order[l.0] as usize, order[l.1] as usize, l.2)).collect();
         // an electrode on every side
@@ -384,6 +400,36 @@ mod tests {
         let error = backward_error(&matrix, side * side, 15);
         // the longest sum: rows of the widest front
         assert!(error < 72.0 * f64::EPSILON, "{error:e}");
+    }
+
+    /// A square grid of 90 x 90 nodes: dissection must number every node once, and take less work
+    /// than minimum degree (which is why it is there).
+    #[test]
+    fn large_meshes_are_dissected() {
+        let side = 90;
+        let at = |i: usize, j: usize| (i * side + j) as u32;
+        let mut links = Vec::new();
+        for (i, j) in (0..side).flat_map(|i| (0..side).map(move |j| (i, j))) {
+            let next = [(i + 1, j), (i, j + 1), (i + 1, j + 1)].into_iter();
+            for (k, l) in next.filter(|(k, l)| *k < side && *l < side) {
+                links.extend([(at(i, j), at(k, l)), (at(k, l), at(i, j))]);
+            }
+        }
+        let graph = Adjacency::from_links(side * side, links);
+        let places = (0..side).flat_map(|i| (0..side).map(move |j| [i as f64, 0.1, j as f64]));
+        let places: Vec<[f64; 3]> = places.collect();
+        let flops = |order: &[u32]| {
+            let mut sorted = order.to_vec();
+            sorted.sort_unstable();
+            assert!(sorted.iter().zip(0..).all(|(a, b)| *a == b));
+            symbolic::postordered(&graph, order).1
+        };
+        let dissected = crate::solver::order(&graph, &places).unwrap();
+        let whole = crate::solver::order(&graph, &[]).unwrap();
+        assert!(flops(&dissected) < flops(&whole), "{} {}", flops(&dissected), flops(&whole));
+        // all nodes in one place: nothing to cut along, still an order
+        let order = crate::solver::order(&graph, &vec![[0.5; 3]; side * side]).unwrap();
+        flops(&order);
     }
 
     #[test]

@@ -61,8 +61,9 @@ pub(super) struct Symbolic {
     pub longest: usize,
 }
 
-/// Elimination order that keeps subtrees together: `new_from_old` from a fill-reducing one.
-pub(super) fn postordered(graph: &Adjacency, new_from_old: &[u32]) -> Vec<u32> {
+/// Elimination order that keeps subtrees together: `new_from_old` from a fill-reducing one, and the
+/// floating point operations of a factorisation with it.
+pub(super) fn postordered(graph: &Adjacency, new_from_old: &[u32]) -> (Vec<u32>, f64) {
     let count = new_from_old.len();
     let mut links = Vec::with_capacity(graph.neighbours.len() / 2);
     for old in 0..count {
@@ -78,7 +79,8 @@ pub(super) fn postordered(graph: &Adjacency, new_from_old: &[u32]) -> Vec<u32> {
     for (place, column) in (0u32..).zip(postorder(&parents, &counts)) {
         places[column as usize] = place;
     }
-    new_from_old.iter().map(|&new| places[new as usize]).collect()
+    let flops = counts.iter().map(|&below| (f64::from(below) + 1.0).powi(2)).sum();
+    (new_from_old.iter().map(|&new| places[new as usize]).collect(), flops)
 }
 
 /// Parent of each column in the elimination tree (Liu 1986, with compressed paths).
