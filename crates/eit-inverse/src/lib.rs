@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod baseline;
+mod calibration;
 mod data;
 mod error;
 mod gauss_newton;
@@ -19,6 +20,7 @@ mod st_tv;
 pub mod touch;
 mod whitened;
 
+pub use calibration::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
 pub use data::{DifferenceData, DifferenceSettings, FrameStatus};
 pub use error::InverseError;
 pub use gauss_newton::{Difference, Report};
