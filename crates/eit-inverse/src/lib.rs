@@ -14,6 +14,7 @@ mod movie;
 pub mod prior;
 mod reconstructor;
 mod reference;
+mod side;
 mod spectrum;
 #[cfg(feature = "st-tv")]
 mod st_tv;
@@ -35,6 +36,7 @@ pub use movie::{
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
 pub use reconstructor::{Reconstructor, Workspace};
 pub use reference::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};
+pub use side::SideUnknowns;
 #[cfg(feature = "st-tv")]
 pub use st_tv::{
     ChosenWeights, Fidelity, StTv, StTvSettings, StTvStream, Stop, StreamSettings, StreamStep,
