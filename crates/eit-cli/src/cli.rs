@@ -71,6 +71,17 @@ pub(crate) enum Command {
     Forward(ForwardArgs),
     /// Compute the Jacobian [measurement, element], volt per siemens.
     Jacobian(JacobianArgs),
+    /// Fit background conductivity and contact impedances to the untouched skin.
+    ///
+    /// Absolute images need both (method gauss-newton-absolute), and difference images get their
+    /// size from the conductivity. Says how sure each number is, what stays unexplained, and what to
+    /// write into the scene. A gain of the instrument comes out as conductivity.
+    ///
+    /// Contacts show where driven electrodes are measured, and hardly elsewhere: then they stay near
+    /// the scene's, and the answer says so.
+    ///
+    /// Example: eit calibrate my.toml --frames untouched.csv
+    Calibrate(CalibrateArgs),
     /// Simulate frames of a touched fabric, with the truth beside them.
     ///
     /// A script moves fingers over the scene's skin: each dents the stretched fabric, changes its
@@ -243,6 +254,26 @@ pub(crate) struct JacobianArgs {
     /// Result: F.npy.
     #[arg(long, value_name = "F.npy")]
     pub out: PathBuf,
+}
+
+/// `eit calibrate`
+#[derive(Debug, Args)]
+pub(crate) struct CalibrateArgs {
+    /// Scene file or built-in scene.
+    pub scene: String,
+    /// Frames of the untouched skin, one file or several: their mean is fitted. Without it the
+    /// reference of the scene's recording.
+    #[arg(long, value_name = "F", num_args = 1..)]
+    pub frames: Vec<PathBuf>,
+    /// Which of the frames: a frame number (from 0), "N..M" (mean of N to M-1), "mean", or a file.
+    #[arg(long, value_name = "F|N|N..M|mean", allow_hyphen_values = true)]
+    pub reference: Option<String>,
+    /// One factor for all contacts of the scene instead of one impedance each.
+    #[arg(long)]
+    pub one_contact: bool,
+    /// Use measurements on current-carrying electrodes too, where the instrument gives them.
+    #[arg(long)]
+    pub use_driven_electrodes: bool,
 }
 
 /// `eit simulate`

@@ -45,6 +45,7 @@ fn main() -> ExitCode {
         Command::Mesh(args) => commands::mesh::run(args),
         Command::Forward(args) => commands::forward::run(args),
         Command::Jacobian(args) => commands::jacobian::run(args),
+        Command::Calibrate(args) => commands::calibrate::run(args),
         Command::Simulate(args) => commands::simulate::run(args),
         Command::Reconstruct(args) => commands::reconstruct::run(args),
         Command::Train(args) => commands::train::run(args),

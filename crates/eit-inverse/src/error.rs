@@ -182,6 +182,15 @@ pub enum InverseError {
         /// What it must be.
         must: &'static str,
     },
+    /// A frame that no conductivity of the model explains.
+    #[error(
+        "the frame has the correlation {correlation:.3} with the model's voltages: check the sign \
+         of the data, the protocol, and the number and order of electrodes"
+    )]
+    UnlikeModel {
+        /// Cosine between the two; NaN for a frame of zeros.
+        correlation: f64,
+    },
     /// The forward model refused.
     #[error("forward model: {0}")]
     Forward(#[from] eit_fem::FemError),

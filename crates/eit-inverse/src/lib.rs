@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 pub mod baseline;
+mod calibration;
 mod data;
 mod error;
 mod gauss_newton;
@@ -13,12 +14,14 @@ mod movie;
 pub mod prior;
 mod reconstructor;
 mod reference;
+mod side;
 mod spectrum;
 #[cfg(feature = "st-tv")]
 mod st_tv;
 pub mod touch;
 mod whitened;
 
+pub use calibration::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
 pub use data::{DifferenceData, DifferenceSettings, FrameStatus};
 pub use error::InverseError;
 pub use gauss_newton::{Difference, Report};
@@ -33,6 +36,7 @@ pub use movie::{
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
 pub use reconstructor::{Reconstructor, Workspace};
 pub use reference::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};
+pub use side::SideUnknowns;
 #[cfg(feature = "st-tv")]
 pub use st_tv::{
     ChosenWeights, Fidelity, StTv, StTvSettings, StTvStream, Stop, StreamSettings, StreamStep,

@@ -1,0 +1,156 @@
+//! `eit calibrate`: background conductivity and contact impedances from the untouched skin.
+
+use super::Answer;
+use crate::cli::CalibrateArgs;
+use crate::error::CliError;
+use crate::frames::{self, Frames};
+use crate::pipeline;
+use crate::progress::Progress;
+use crate::scene::{Reference, Scene};
+use eit_inverse::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
+use serde_json::{Value, json};
+
+/// Reads the frame of the untouched skin, fits, says what to write into the scene.
+pub(crate) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
+    let mut scene = Scene::load(&args.scene)?;
+    scene.reconstruction.use_driven_electrodes |= args.use_driven_electrodes;
+    let mut progress = Progress::default();
+    let setup = pipeline::setup(&scene, None, None, &mut progress)?;
+    // frames that are given are of the untouched skin: all of them
+    let mean = || (!args.frames.is_empty()).then(|| "mean".to_owned());
+    let reference = args.reference.clone().or_else(mean).map(Reference::Text);
+    let frames = progress.stage("read frames", || {
+        frames::load(&scene, &setup.protocol, &args.frames, reference.as_ref())
+    })?;
+    let electrodes = setup.protocol.electrodes();
+    let start = scene.contact_impedance(electrodes)?;
+    let mut notes = frames.notes.clone();
+    let found = progress.stage("calibrate", || {
+        fit(&setup.model, &frames, settings(args, &scene, &frames, &start), &mut notes)
+    });
+    let found = found.map_err(|error| error.within(&scene.place))?;
+    let json = to_json(&scene, &frames, &found, &notes, &progress);
+    Ok(Answer { text: text(&frames, &found, &notes), json })
+}
+
+fn settings(
+    args: &CalibrateArgs,
+    scene: &Scene,
+    frames: &Frames,
+    start: &[f64],
+) -> CalibrationSettings {
+    // the noise of a mean of frames
+    let share = (frames.reference_frames.max(1) as f64).sqrt();
+    let noise = scene.noise.additive_v.map(|e| vec![e / share; frames.used.len()]);
+    CalibrationSettings {
+        contacts: if args.one_contact { Contacts::Common } else { Contacts::Each },
+        noise_std_v: noise,
+        used: Some(frames.used.clone()),
+        ..CalibrationSettings::starting_at(scene.skin.conductivity_s, start)
+    }
+}
+
+/// Misfit above this many times the stated noise is the model's error, and counts as noise.
+const MODEL_ERROR: f64 = 2.0;
+
+/// By the stated noise; by what stays unexplained where that is much more.
+fn fit(
+    model: &eit_fem::ForwardModel,
+    frames: &Frames,
+    settings: CalibrationSettings,
+    notes: &mut Vec<String>,
+) -> Result<Calibration, CliError> {
+    let found = Calibration::of_frame(model, &frames.reference, &settings)?;
+    let times = found.reduced_chi_square.sqrt();
+    if times <= MODEL_ERROR {
+        return Ok(found);
+    }
+    notes.push(format!(
+        "what stays unexplained is {times:.0} times the stated noise: deviations are by the former"
+    ));
+    let settings = CalibrationSettings { noise_std_v: None, ..settings };
+    Ok(Calibration::of_frame(model, &frames.reference, &settings)?)
+}
+
+fn status(found: &Calibration) -> &'static str {
+    match found.status {
+        CalibrationStatus::Converged => "converged",
+        CalibrationStatus::IterationCap => "iteration cap",
+        CalibrationStatus::Stalled => "stalled",
+    }
+}
+
+/// Electrodes (from 1) whose contacts the data tell less about than the prior does.
+fn undetermined(found: &Calibration) -> Vec<usize> {
+    let all = 1..=found.contact_impedance.len();
+    let common = found.determined.len() == 2;
+    let weak = found.undetermined();
+    all.filter(|l| weak.contains(if common { &1 } else { l })).collect()
+}
+
+fn text(frames: &Frames, found: &Calibration, notes: &[String]) -> String {
+    let std = found.std();
+    let contact = |l: usize| std[(1 + l).min(std.len() - 1)];
+    let used = frames.used.iter().filter(|used| **used).count();
+    let mut lines = vec![
+        format!(
+            "{}: {used} measurements, {} after {} steps; unexplained {:.2} % of the frame, before \
+             {:.2} %",
+            frames.reference_source,
+            status(found),
+            found.iterations,
+            100.0 * found.residual_after,
+            100.0 * found.residual_before,
+        ),
+        format!("conductivity {:.4e} S, to {:.2} %", found.conductivity_s, 100.0 * std[0]),
+    ];
+    for (l, z) in found.contact_impedance.iter().enumerate() {
+        // e to the deviation of a logarithm
+        lines.push(format!("contact {}: {z:.3e}, to a factor of {:.2}", l + 1, contact(l).exp()));
+    }
+    let weak = undetermined(found);
+    if !weak.is_empty() {
+        lines.push(format!(
+            "the data hardly tell the contacts of electrodes {weak:?}: those are near the scene's \
+             (measured driven electrodes would tell: --use-driven-electrodes)"
+        ));
+    }
+    lines.extend(notes.iter().map(|note| format!("note: {note}")));
+    let contacts: Vec<String> =
+        found.contact_impedance.iter().map(|z| format!("{z:.4e}")).collect();
+    lines.push("for the scene:".to_owned());
+    lines.push(format!("  [skin] conductivity_s = {:.5e}", found.conductivity_s));
+    lines.push(format!("  [electrodes] contact_impedance_ohm_m = [{}]", contacts.join(", ")));
+    lines.join("\n")
+}
+
+fn to_json(
+    scene: &Scene,
+    frames: &Frames,
+    found: &Calibration,
+    notes: &[String],
+    progress: &Progress,
+) -> Value {
+    let covariance: Vec<Vec<f64>> =
+        found.covariance.rows().into_iter().map(|row| row.to_vec()).collect();
+    json!({
+        "scene": scene.name,
+        "frame": frames.reference_source,
+        "measurements_used": frames.used.iter().filter(|used| **used).count(),
+        "status": status(found),
+        "iterations": found.iterations,
+        "forward_solves": found.forward_solves,
+        "conductivity_s": found.conductivity_s,
+        "contact_impedance_ohm_m": found.contact_impedance,
+        "std_of_logarithms": found.std(),
+        "covariance_of_logarithms": covariance,
+        "determined": found.determined,
+        "undetermined_electrodes": undetermined(found),
+        "residual_before": found.residual_before,
+        "residual_after": found.residual_after,
+        "noise_std_v": found.noise_std_v.first(),
+        "reduced_chi_square": found.reduced_chi_square,
+        "notes": notes,
+        "stages": progress.times(),
+    })
+}

@@ -1,0 +1,159 @@
+//! Unknowns that are not imaged, taken out of the data.
+
+use crate::InverseError;
+use crate::data::{check_length, check_positive};
+use faer::Mat;
+use ndarray::{Array2, ArrayRef2};
+
+/// Unknowns beside the image, Gaussian and linear, such as the displacement of each electrode:
+///
+/// ```text
+/// dv = J dsigma + K d + noise,     d ~ N(0, C),   noise ~ N(0, N),     C and N diagonal
+/// ```
+///
+/// An image and the most probable `d` together are the image alone under the noise covariance
+/// `N + K C K'`: for every prior of the image, total variation included, minimising over `d` leaves
+/// `|dv - J dsigma|` in the inverse of it. So no method needs to know: data and Jacobian are
+/// multiplied by
+///
+/// ```text
+/// T = (I - U diag(1 - (1 + s^2)^-1/2) U') N^-1/2,     N^-1/2 K C^1/2 = U diag(s) V'
+/// ```
+///
+/// ([`SideUnknowns::whiten`], [`SideUnknowns::whiten_jacobian`]), after which the noise is white of
+/// standard deviation 1, and `d` follows from what an image leaves unexplained
+/// ([`SideUnknowns::most_probable`]). Costs `2 m k` flops a frame for `k` unknowns. Measurements mix:
+/// those that are not used must be so for all frames.
+///
+/// Source: Soleimani, Gomez-Laberge, Adler, *Physiol. Meas.* 27 (2006), S103-S113 (electrode movement
+/// as further unknowns of the image); the same as correlated noise: Kaipio, Somersalo, *Statistical
+/// and Computational Inverse Problems* (2005), section 3.3.
+#[derive(Debug, Clone)]
+pub struct SideUnknowns {
+    /// `N^-1/2`, zero where not used.
+    weights: Vec<f64>,
+    /// `U`, `[measurement, k]`.
+    directions: Mat<f64>,
+    /// `s`.
+    strengths: Vec<f64>,
+    /// `C^1/2 V`, `[unknown, k]`.
+    unknowns: Mat<f64>,
+}
+
+impl SideUnknowns {
+    /// From `K` `[measurement, unknown]` (in the unit of the differences for each unit of an
+    /// unknown, as from [`Solution::movement_jacobian`](eit_fem::Solution::movement_jacobian)), the
+    /// standard deviation of each unknown, and that of each difference's noise. Values of
+    /// measurements that are not used are not looked at.
+    ///
+    /// # Errors
+    /// Wrong lengths; entries that are not finite; deviations that are not above zero; nothing used.
+    pub fn new(
+        jacobian: &ArrayRef2<f64>,
+        std: &[f64],
+        noise_std: &[f64],
+        used: Option<&[bool]>,
+    ) -> Result<Self, InverseError> {
+        let (measurements, unknowns) = jacobian.dim();
+        if measurements == 0 || unknowns == 0 {
+            return Err(InverseError::EmptyJacobian { measurements, elements: unknowns });
+        }
+        check_length("std of the unknowns", std.len(), unknowns)?;
+        check_length("noise_std", noise_std.len(), measurements)?;
+        std.iter().try_for_each(|s| check_positive("std of an unknown", *s))?;
+        let all = vec![true; measurements];
+        let used = used.unwrap_or(&all);
+        check_length("used", used.len(), measurements)?;
+        if !used.contains(&true) {
+            return Err(InverseError::NothingUsed { measurements });
+        }
+        let mut weights = vec![0.0; measurements];
+        let mut scaled = Mat::zeros(measurements, unknowns);
+        for (measurement, row) in jacobian.rows().into_iter().enumerate() {
+            if !used[measurement] {
+                continue;
+            }
+            check_positive("noise_std of a used measurement", noise_std[measurement])?;
+            weights[measurement] = noise_std[measurement].recip();
+            for (element, &value) in row.iter().enumerate() {
+                let entry = weights[measurement] * value * std[element];
+                if !entry.is_finite() {
+                    return Err(InverseError::NonFiniteJacobian { measurement, element, value });
+                }
+                scaled[(measurement, element)] = entry;
+            }
+        }
+        let failed = InverseError::Factorisation { what: "side unknowns", size: measurements };
+        let svd = scaled.thin_svd().map_err(|_| failed)?;
+        let strengths: Vec<f64> = svd.S().column_vector().iter().copied().collect();
+        let right = svd.V();
+        let unknowns = Mat::from_fn(unknowns, strengths.len(), |i, k| std[i] * right[(i, k)]);
+        Ok(Self { weights, directions: svd.U().to_owned(), strengths, unknowns })
+    }
+
+    /// What part of the variance of whitened data each direction keeps, largest unknown first:
+    /// `1 / (1 + s^2)`, 1 where the unknowns drown in noise, 0 where the data tell them alone.
+    pub fn kept(&self) -> Vec<f64> {
+        self.strengths.iter().map(|s| 1.0 / (1.0 + s * s)).collect()
+    }
+
+    /// `U' N^-1/2 dv`.
+    fn parts(&self, difference: &[f64]) -> Vec<f64> {
+        let part = |k: usize| {
+            let column = self.directions.col(k).iter().zip(&self.weights).zip(difference);
+            // what is not used may be NaN
+            column.filter(|((_, w), _)| **w > 0.0).map(|((u, w), d)| u * w * d).sum()
+        };
+        (0..self.strengths.len()).map(part).collect()
+    }
+
+    /// `T dv` in place: white noise of standard deviation 1; zero where not used.
+    ///
+    /// # Errors
+    /// [`InverseError::WrongLength`].
+    pub fn whiten(&self, difference: &mut [f64]) -> Result<(), InverseError> {
+        check_length("difference", difference.len(), self.weights.len())?;
+        let parts = self.parts(difference);
+        for (value, weight) in difference.iter_mut().zip(&self.weights) {
+            *value = if *weight > 0.0 { weight * *value } else { 0.0 };
+        }
+        for (k, (part, s)) in parts.iter().zip(&self.strengths).enumerate() {
+            let taken = part * (1.0 - (1.0 + s * s).sqrt().recip());
+            let column = self.directions.col(k).iter();
+            difference.iter_mut().zip(column).for_each(|(value, u)| *value -= taken * u);
+        }
+        Ok(())
+    }
+
+    /// `T J` of a Jacobian `[measurement, element]`.
+    ///
+    /// # Errors
+    /// [`InverseError::WrongLength`].
+    pub fn whiten_jacobian(&self, jacobian: &ArrayRef2<f64>) -> Result<Array2<f64>, InverseError> {
+        check_length("rows of the Jacobian", jacobian.nrows(), self.weights.len())?;
+        let mut whitened = jacobian.to_owned();
+        let mut column = vec![0.0; self.weights.len()];
+        for mut values in whitened.columns_mut() {
+            column.iter_mut().zip(&values).for_each(|(c, v)| *c = *v);
+            self.whiten(&mut column)?;
+            values.iter_mut().zip(&column).for_each(|(v, c)| *v = *c);
+        }
+        Ok(whitened)
+    }
+
+    /// The most probable unknowns `C K' (N + K C K')^-1 r` for what an image leaves of the
+    /// differences, `r = dv - J dsigma` (not whitened), `[unknown]`.
+    ///
+    /// # Errors
+    /// [`InverseError::WrongLength`].
+    pub fn most_probable(&self, unexplained: &[f64]) -> Result<Vec<f64>, InverseError> {
+        check_length("unexplained", unexplained.len(), self.weights.len())?;
+        let parts = self.parts(unexplained);
+        let amounts: Vec<f64> =
+            parts.iter().zip(&self.strengths).map(|(p, s)| p * s / (1.0 + s * s)).collect();
+        let unknown = |i: usize| -> f64 {
+            amounts.iter().enumerate().map(|(k, a)| self.unknowns[(i, k)] * a).sum()
+        };
+        Ok((0..self.unknowns.nrows()).map(unknown).collect())
+    }
+}
