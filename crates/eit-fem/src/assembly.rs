@@ -41,7 +41,7 @@ impl Assembly {
         let lower = |[i, j]: [u32; 2]| (i.min(j), i.max(j));
         let count = element_nodes.len() / elements.nodes() * (elements.pairs() + elements.nodes());
         let mut places: Vec<(u32, u32)> = Vec::with_capacity(count);
-        places.extend(element_pairs().map(lower));
+        element_pairs().map(lower).for_each(|place| places.push(place));
         places.extend(contacts.iter().flat_map(|c| c.pairs()).map(lower));
         places.sort_unstable();
         places.dedup();
@@ -61,7 +61,7 @@ impl Assembly {
             from + column.partition_point(|p| *p < place) as u32
         };
         let mut entries = Vec::with_capacity(count);
-        entries.extend(element_pairs().map(find));
+        element_pairs().map(find).for_each(|entry| entries.push(entry));
         let contact_entries = contacts.iter().flat_map(|c| c.pairs()).map(find).collect();
         let rows = places.iter().map(|p| p.1).collect();
         Self { column_starts, rows, elements, entries, contact_entries }

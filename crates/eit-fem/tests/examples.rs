@@ -14,6 +14,17 @@ fn forward_example() {
     assert!(unexplained > 1e-3 && unexplained < 1e-2, "{unexplained}");
 }
 
+#[path = "../examples/elements.rs"]
+#[allow(dead_code, reason = "main of the example is not called here")]
+mod elements;
+
+/// On meshes of 1 000 nodes and less quadratic elements are better by two decades.
+#[test]
+fn elements_example() {
+    let [linear, quadratic] = elements::run(2, 1).unwrap();
+    assert!(linear > 1e-3 && quadratic < 0.05 * linear, "{linear:e} {quadratic:e}");
+}
+
 #[cfg(feature = "fabric")]
 #[path = "../examples/fabric.rs"]
 #[allow(dead_code, reason = "main of the example is not called here")]

@@ -1,5 +1,5 @@
 //! Orders of convergence of linear and quadratic elements against mesh-free solutions.
-#![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "tests")]
 
 mod common;
 

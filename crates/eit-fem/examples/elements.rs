@@ -1,16 +1,19 @@
 //! Linear and quadratic elements on the paper's disc: error of the voltages against the mesh-free
-//! series, over unknowns and over time, on three families of meshes. Writes the table of
-//! `docs/PERFORMANCE.md`.
+//! series, over unknowns and over time, on three families of meshes (the table of
+//! `docs/PERFORMANCE.md`).
 //!
-//! Usage: `elements [--dry-run]`: prints the table instead.
-#![allow(clippy::print_stdout, reason = "a program's output")]
+//! Run with `cargo run --release -p eit-fem --example elements`.
+#![allow(missing_docs, reason = "an example is read, not linked against")]
+#![allow(clippy::print_stdout, reason = "an example shows its result")]
 
-use benches::document::{self, digits};
-use benches::{Result, stopwatch};
 use eit_fem::analytic::DiscSeries;
 use eit_fem::{Elements, ForwardModel, PairProtocol, Protocol};
 use eit_mesh::{Direction, Mesh, MeshSettings, Placement, RimElectrodes, SkinShape, generate};
 use ndarray::{Array1, Array2};
+use std::error::Error;
+use std::time::Instant;
+
+type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
 const RADIUS_M: f64 = 0.1;
 const WIDTH_M: f64 = 0.0196;
@@ -57,69 +60,61 @@ const FAMILIES: [Family; 3] = [
     },
 ];
 
-fn main() -> Result<()> {
+/// Prints the table with at most `meshes` meshes of each family and the best of `repeats` times; the
+/// least error of each kind of elements.
+pub fn run(meshes: i32, repeats: usize) -> Result<[f64; 2]> {
     let protocol = PairProtocol::default().protocol()?;
-    let exact = series(&protocol, 28, 16_000)?;
-    let change = largest(&(series(&protocol, 24, 12_000)? - &exact)) / largest(&exact);
-    let mut rows = Vec::new();
+    let exact = series(&protocol)?;
+    println!(
+        "| elements | mesh | nodes | unknowns | factor, MFLOP | forward, ms | with Jacobian, ms | error |"
+    );
+    println!("|---|---|---|---|---|---|---|---|");
+    let mut least = [f64::INFINITY; 2];
     for family in &FAMILIES {
-        for &(elements, count) in family.tried {
-            for k in 0..count {
-                rows.push(row(family, elements, k, &protocol, &exact)?);
+        for (&(elements, count), least) in family.tried.iter().zip(&mut least) {
+            for k in 0..count.min(meshes) {
+                let mesh = disc(&(family.settings)(0.5_f64.powf(0.5 * f64::from(k))))?;
+                let impedance = [IMPEDANCE_OHM_M; 16];
+                let model = ForwardModel::with_elements(&mesh, &protocol, &impedance, elements)?;
+                let (voltages, [forward_s, both_s]) = solve(&model, repeats)?;
+                let error = largest(&(&voltages - &exact)) / largest(&exact);
+                *least = least.min(error);
+                println!(
+                    "| {elements:?} | {} | {} | {} | {:.2} | {:.2} | {:.2} | {error:.1e} |",
+                    family.name,
+                    mesh.surface().nodes().len(),
+                    model.cost().unknowns,
+                    1e-6 * model.cost().factor_flops,
+                    1e3 * forward_s,
+                    1e3 * both_s
+                );
             }
         }
     }
-    let load = document::load().map_or_else(String::new, |l| format!("; load average {l:.1}"));
-    let body = format!(
-        "{}{load}. One thread, CPU time, medians of 9 runs; error: the largest over the largest \
-         voltage, against the series (which changes by {change:.0e} with more terms).\n\n\
-         | elements | mesh | nodes | unknowns | factor, MFLOP | forward, ms | with Jacobian, ms | \
-         error |\n|---|---|---|---|---|---|---|---|\n{}",
-        document::machine(),
-        rows.concat()
-    );
-    if std::env::args().any(|a| a == "--dry-run") {
-        println!("{body}");
-        return Ok(());
-    }
-    document::write("elements", &body)
+    Ok(least)
 }
 
-fn row(
-    family: &Family,
-    elements: Elements,
-    k: i32,
-    protocol: &Protocol,
-    exact: &Array1<f64>,
-) -> Result<String> {
-    let settings = (family.settings)(0.5_f64.powf(0.5 * f64::from(k)));
-    let mesh = disc(&settings)?;
-    let model = ForwardModel::with_elements(&mesh, protocol, &[IMPEDANCE_OHM_M; 16], elements)?;
+/// Voltages, and the shortest times of a forward solve without and with the Jacobian, seconds.
+fn solve(model: &ForwardModel, repeats: usize) -> Result<(Array1<f64>, [f64; 2])> {
     let sigma = vec![CONDUCTIVITY_S; model.elements()];
     let mut workspace = model.workspace()?;
-    let mut voltages = vec![0.0; protocol.measurements()];
-    let forward = stopwatch::median(9, || {
-        Ok(model.solve(&sigma, &mut workspace)?.measurements_into(&mut voltages)?)
-    })?;
-    let mut jacobian = Array2::zeros((protocol.measurements(), model.elements()));
-    let both = stopwatch::median(9, || {
-        Ok(model.solve(&sigma, &mut workspace)?.jacobian_into(jacobian.view_mut())?)
-    })?;
-    let error = largest(&(Array1::from(voltages) - exact)) / largest(exact);
-    let cost = model.cost();
-    Ok(format!(
-        "| {} | {} | {} | {} | {} | {} | {} | {error:.1e} |\n",
-        match elements {
-            Elements::Linear => "linear",
-            Elements::Quadratic => "quadratic",
-        },
-        family.name,
-        mesh.surface().nodes().len(),
-        cost.unknowns,
-        digits(1e-6 * cost.factor_flops),
-        digits(1e3 * forward.cpu_s),
-        digits(1e3 * both.cpu_s),
-    ))
+    let measurements = model.protocol().measurements();
+    let mut voltages = vec![0.0; measurements];
+    let mut jacobian = Array2::zeros((measurements, model.elements()));
+    let mut times_s = [f64::INFINITY; 2];
+    for _ in 0..repeats {
+        let start = Instant::now();
+        let mut solution = model.solve(&sigma, &mut workspace)?;
+        solution.measurements_into(&mut voltages)?;
+        times_s[0] = times_s[0].min(start.elapsed().as_secs_f64());
+        solution.jacobian_into(jacobian.view_mut())?;
+        times_s[1] = times_s[1].min(start.elapsed().as_secs_f64());
+    }
+    Ok((Array1::from(voltages), times_s))
+}
+
+fn main() -> Result<()> {
+    run(8, 15).map(|_| ())
 }
 
 fn disc(settings: &MeshSettings) -> Result<Mesh> {
@@ -129,15 +124,15 @@ fn disc(settings: &MeshSettings) -> Result<Mesh> {
     Ok(generate(&SkinShape::Disc { radius_m: RADIUS_M }, &electrodes, settings)?)
 }
 
-fn series(protocol: &Protocol, degree: usize, harmonics: usize) -> Result<Array1<f64>> {
+fn series(protocol: &Protocol) -> Result<Array1<f64>> {
     let series = DiscSeries {
         radius_m: RADIUS_M,
         conductivity_s: CONDUCTIVITY_S,
         electrode_angles_rad: (0..16).map(|l| (22.5 * f64::from(l)).to_radians()).collect(),
         electrode_width_m: WIDTH_M,
         contact_impedance_ohm_m: IMPEDANCE_OHM_M,
-        degree,
-        harmonics,
+        degree: 20,
+        harmonics: 8_000,
     };
     let potentials = series.electrode_potentials(protocol.stimulations_a())?;
     let patterns = protocol.measurement_patterns();
