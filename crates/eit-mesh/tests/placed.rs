@@ -43,12 +43,12 @@ fn rim_electrodes_have_their_width_and_the_surface_keeps_its_area() {
     let electrodes: Vec<PlacedElectrode> =
         (0..12).map(|l| PlacedElectrode::rim(at(0.3 + TAU * l as f64 / 12.0), 0.2)).collect();
     let mesh = place_electrodes(&saddle, &electrodes, &MeshSettings::default()).unwrap();
-    for l in 0..12 {
+    for (l, electrode) in electrodes.iter().enumerate() {
         // some ten sums of lengths
         assert!((mesh.electrode_measure(l).unwrap() - 0.2).abs() < 1e-13);
         let centre = mesh.electrode_centre_m(l).unwrap();
         // the rim's facets are 0.13 long
-        assert!(distance(centre, electrodes[l].position_m) < 0.01, "{centre:?}");
+        assert!(distance(centre, electrode.position_m) < 0.01, "{centre:?}");
     }
     assert!((area_m2(mesh.surface()) / area_m2(&saddle) - 1.0).abs() < 1e-13);
     let edges = Quality::of(&mesh).elements_per_electrode;
