@@ -92,7 +92,9 @@ pub(crate) fn setup(
             1e-9 * bytes
         )));
     }
-    let model = progress.stage("forward model", || ForwardModel::new(&mesh, &protocol, &impedance));
+    let model = progress.stage("forward model", || {
+        ForwardModel::with_elements(&mesh, &protocol, &impedance, scene.elements())
+    });
     let model = model.map_err(|e| CliError::from(e).within(&scene.place))?;
     Ok(Setup { mesh, protocol, model, notes })
 }

@@ -190,3 +190,35 @@ fn results_of_an_earlier_run_do_not_stay() {
     assert!(!run(&one), "a single frame has none");
     assert!(out.join("report.json").exists());
 }
+
+/// `elements = "quadratic"` on the same mesh: nearer to the series by two decades, with a Jacobian of
+/// as many elements, and the plan says what is solved.
+#[test]
+fn quadratic_elements_are_a_key_of_the_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = |elements: &str| -> Value {
+        let scene = write_scene(folder.path(), &format!("{SMALL}elements = \"{elements}\"\n"));
+        let jacobian = folder.path().join("j.npy");
+        succeed(&["jacobian", text(&scene), "--out", text(&jacobian)]);
+        let j: Array2<f64> = ndarray_npy::read_npy(&jacobian).unwrap();
+        let voltages = folder.path().join("v.npy");
+        let forward = succeed(&["forward", text(&scene), "--out", text(&voltages), "--json"]);
+        let forward: Value = serde_json::from_str(&forward).unwrap();
+        assert_eq!(forward["elements"], j.ncols());
+        let mut plan: Value =
+            serde_json::from_str(&succeed(&["plan", text(&scene), "--json"])).unwrap();
+        plan["unknowns"] = forward["solve"]["unknowns"].clone();
+        plan["columns"] = j.ncols().into();
+        plan
+    };
+    let (linear, quadratic) = (plan("linear"), plan("quadratic"));
+    assert_eq!(linear["columns"], quadratic["columns"]);
+    let [few, many] = [&linear, &quadratic].map(|p| p["unknowns"].as_u64().unwrap());
+    assert!(many > 3 * few, "{few} {many}");
+    let [coarse, fine] =
+        [&linear, &quadratic].map(|p| p["expected_voltage_error"].as_f64().unwrap());
+    println!("errors of the plans: {coarse:.1e}, {fine:.1e}");
+    assert!(fine < 0.05 * coarse, "{coarse:e} {fine:e}");
+    let stages = quadratic["stages"].to_string();
+    assert!(stages.contains("quadratic elements") && stages.contains(&format!("{many} unknowns")));
+}

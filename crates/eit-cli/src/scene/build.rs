@@ -1,10 +1,11 @@
 //! From the scene's keys to the settings of the library crates.
 
 use super::{
-    DifferenceKind, Direction, Driven, OneOrMany, Order, Pair, Position, Scene, Shape, plain,
+    DifferenceKind, Direction, Driven, ElementKeys, OneOrMany, Order, Pair, Position, Scene, Shape,
+    plain,
 };
 use crate::error::CliError;
-use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol, Protocol};
+use eit_fem::{DrivenElectrodes, Elements, PairPattern, PairProtocol, Protocol};
 use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
 use std::path::{Path, PathBuf};
 
@@ -93,6 +94,14 @@ impl SceneMesh {
 }
 
 impl Scene {
+    /// The kind of finite elements.
+    pub fn elements(&self) -> Elements {
+        match self.mesh.elements {
+            ElementKeys::Linear => Elements::Linear,
+            ElementKeys::Quadratic => Elements::Quadratic,
+        }
+    }
+
     /// The mesh this scene asks for, checked; `nodes` overrides its density.
     pub fn mesh(&self, nodes: Option<usize>) -> Result<SceneMesh, CliError> {
         let mut settings = self.mesh_settings()?;

@@ -211,6 +211,17 @@ pub(crate) struct MeshKeys {
     pub grading: Option<f64>,
     pub nodes: Option<usize>,
     pub node_limit: Option<usize>,
+    #[serde(default)]
+    pub elements: ElementKeys,
+}
+
+/// `mesh.elements`
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(crate) enum ElementKeys {
+    #[default]
+    Linear,
+    Quadratic,
 }
 
 /// `[recording]`

@@ -7,6 +7,7 @@ use crate::method::Method;
 use crate::pipeline::tv::DEFAULT_TARGET_GAP;
 use crate::pipeline::{DEFAULT_NOISE_FIGURE, DEFAULT_PIXELS, Setup};
 use crate::scene::{DifferenceKind, Hyperparameter, Rule, Scene, Shape};
+use eit_fem::Elements;
 use eit_mesh::Quality;
 
 /// Dense product in double precision where the rates below were fitted: times are scaled by it to
@@ -129,7 +130,10 @@ impl Sizes<'_> {
         let entries = cost.factor_entries as f64;
         let solves = cost.field_solves as f64;
         let sweep = 2.0 * entries * solves;
-        let products = 3.0 * cost.field_products as f64 * n;
+        let kind = match setup.model.element_kind() {
+            Elements::Linear => "",
+            Elements::Quadratic => "quadratic elements; ",
+        };
         let store_rate =
             if 8.0 * m * n > CACHED_BYTES { NEW_BYTES_PER_S } else { STORE_BYTES_PER_S };
         vec![
@@ -153,13 +157,14 @@ impl Sizes<'_> {
                 flops: cost.factor_flops,
                 bytes: 8.0 * entries,
                 time_s: cost.factor_flops / FACTOR_FLOPS_PER_S + ELEMENT_S * n,
-                why: "one factorisation gives all voltages: electrodes are eliminated last"
-                    .to_owned(),
+                why: format!(
+                    "{kind}one factorisation gives all voltages: electrodes are eliminated last"
+                ),
             },
             Stage {
                 name: "Jacobian",
                 size: format!("[{m}, {n}], {} fields, {} products", solves, cost.field_products),
-                flops: sweep + products,
+                flops: sweep + cost.product_flops,
                 bytes: 8.0 * m * n,
                 time_s: sweep / SWEEP_FLOPS_PER_S + 8.0 * m * n / store_rate,
                 why: format!(

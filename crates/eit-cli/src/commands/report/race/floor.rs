@@ -30,9 +30,8 @@ impl Floors {
         let [measurements, elements] = sizes.map(|n| n as f64);
         let entries = cost.factor_entries as f64;
         let sweep = 2.0 * entries * cost.field_solves as f64;
-        let products = 3.0 * cost.field_products as f64 * elements;
         let bytes = 8.0 * (entries + measurements * elements);
-        self.machine.floor_s(cost.factor_flops + sweep + products, bytes)
+        self.machine.floor_s(cost.factor_flops + sweep + cost.product_flops, bytes)
     }
 
     /// One image by two thin factors of the reconstruction matrix, of this rank.
