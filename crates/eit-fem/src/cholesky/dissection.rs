@@ -54,22 +54,15 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
         if nodes.len() <= LEAF {
             return self.leaf(nodes, first);
         }
-        let axis = self.longest_axis(nodes);
-        let along = |&n: &u32| -> f64 { dot(self.positions_m[n as usize], axis) };
         let middle = nodes.len() / 2;
-        nodes.select_nth_unstable_by(middle, |a, b| {
-            along(a).total_cmp(&along(b)).then_with(|| a.cmp(b))
-        });
+        let [principal, coordinate] = self.axes(nodes);
+        let by_coordinate = self.cut(nodes, coordinate);
+        let mut on_cut = self.cut(nodes, principal);
+        if by_coordinate.iter().min() < on_cut.iter().min() {
+            on_cut = self.cut(nodes, coordinate);
+        }
         let (left, right) = nodes.split_at_mut(middle);
-        left.iter().for_each(|&n| self.side[n as usize] = LEFT);
-        right.iter().for_each(|&n| self.side[n as usize] = RIGHT);
-        let touches = |n: u32, other: u8| {
-            self.graph.list(n as usize).iter().any(|&m| self.side[m as usize] == other)
-        };
-        let on_cut = [
-            left.iter().filter(|n| touches(**n, RIGHT)).count(),
-            right.iter().filter(|n| touches(**n, LEFT)).count(),
-        ];
+        let touches = |n: u32, other: u8| self.touches(n, other);
         // nodes of the separator to the end of their side
         let (cut, other) = if on_cut[0] < on_cut[1] { (left, RIGHT) } else { (right, LEFT) };
         cut.sort_by_cached_key(|&n| touches(n, other));
@@ -93,6 +86,28 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
         self.number(right, middle)
     }
 
+    /// Sorts nodes to the two sides of their median along an axis and marks them; counts those of
+    /// each side with neighbours on the other.
+    fn cut(&mut self, nodes: &mut [u32], axis: [f64; 3]) -> [usize; 2] {
+        let along = |n: u32| dot(self.positions_m[n as usize], axis);
+        let middle = nodes.len() / 2;
+        nodes.select_nth_unstable_by(middle, |&a, &b| {
+            along(a).total_cmp(&along(b)).then_with(|| a.cmp(&b))
+        });
+        let (left, right) = nodes.split_at(middle);
+        left.iter().for_each(|&n| self.side[n as usize] = LEFT);
+        right.iter().for_each(|&n| self.side[n as usize] = RIGHT);
+        [
+            left.iter().filter(|n| self.touches(**n, RIGHT)).count(),
+            right.iter().filter(|n| self.touches(**n, LEFT)).count(),
+        ]
+    }
+
+    /// Whether a node has a neighbour on a side.
+    fn touches(&self, node: u32, side: u8) -> bool {
+        self.graph.list(node as usize).iter().any(|&n| self.side[n as usize] == side)
+    }
+
     /// Numbers a small set by minimum degree.
     fn leaf(&mut self, nodes: &[u32], first: u32) -> Result<(), E> {
         for (&n, local) in nodes.iter().zip(0..) {
@@ -112,8 +127,10 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
         Ok(())
     }
 
-    /// The direction in which a set reaches farthest: the first eigenvector of its covariance.
-    fn longest_axis(&self, nodes: &[u32]) -> [f64; 3] {
+    /// Directions to cut across: that in which a set reaches farthest, the first eigenvector of its
+    /// covariance, and the coordinate in which it does (in a square all directions are equal, but an
+    /// oblique cut is longer).
+    fn axes(&self, nodes: &[u32]) -> [[f64; 3]; 2] {
         let count = nodes.len() as f64;
         let place = |n: &u32| self.positions_m[*n as usize];
         let mut mean = [0.0; 3];
@@ -124,17 +141,20 @@ impl<E, F: Fn(&Adjacency) -> Result<Vec<u32>, E>> Dissection<'_, F> {
                 (0..3).for_each(|b| row[b] += (p[a] - mean[a]) * (p[b] - mean[b]));
             }
         }
-        let mut axis = [0.61, 0.55, 0.57];
+        let longest =
+            (1..3).fold(0, |m, k| if covariance[k][k] > covariance[m][m] { k } else { m });
+        let coordinate = std::array::from_fn(|k| if k == longest { 1.0 } else { 0.0 });
+        let mut principal = [0.61, 0.55, 0.57];
         for _ in 0..AXIS_STEPS {
-            let next = covariance.map(|row| dot(row, axis));
+            let next = covariance.map(|row| dot(row, principal));
             let size = dot(next, next).sqrt();
             // all nodes in one place
             if size == 0.0 || !size.is_finite() {
-                return [1.0, 0.0, 0.0];
+                return [coordinate; 2];
             }
-            axis = next.map(|x| x / size);
+            principal = next.map(|x| x / size);
         }
-        axis
+        [principal, coordinate]
     }
 }
 

@@ -402,11 +402,11 @@ mod tests {
         assert!(error < 72.0 * f64::EPSILON, "{error:e}");
     }
 
-    /// A square grid of 90 x 90 nodes: dissection must number every node once, and take less work
+    /// A square grid of 200 x 200 nodes: dissection must number every node once, and take less work
     /// than minimum degree (which is why it is there).
     #[test]
     fn large_meshes_are_dissected() {
-        let side = 90;
+        let side = 200;
         let at = |i: usize, j: usize| (i * side + j) as u32;
         let mut links = Vec::new();
         for (i, j) in (0..side).flat_map(|i| (0..side).map(move |j| (i, j))) {
