@@ -121,9 +121,9 @@ fn assert_slope_two(
     );
     // and it is the derivative of something that changes
     assert!(
-        largest(&slope) * step > 10.0 * a,
+        largest(slope) * step > 10.0 * a,
         "{what}: first order {:e}, rest {a:e}",
-        largest(&slope) * step
+        largest(slope) * step
     );
 }
 
@@ -148,7 +148,7 @@ fn taylor_contacts() {
         let step = 1e-2 * state.impedance[l];
         assert_slope_two(&format!("contact {}", l + 1), &zero, jacobian.column(l), step, at);
         let found = five_points(step, at);
-        let error = largest(&(&found - &jacobian.column(l))) / largest(&jacobian.column(l));
+        let error = largest(&(&found - &jacobian.column(l))) / largest(jacobian.column(l));
         // h^4 = 1e-8 of a fifth derivative 24 times the first, over 30; rounding 1e-13 / h
         assert!(error < 1e-7, "contact {}: {error:e}", l + 1);
     }
@@ -176,7 +176,7 @@ fn taylor_nodes_and_electrodes() {
         // an electrode is 0.26 long, an edge 0.13
         assert_slope_two(&what, &zero, jacobian.column(k), 2e-3, at);
         let found = five_points(1e-3, at);
-        let error = largest(&(&found - &jacobian.column(k))) / largest(&jacobian.column(k));
+        let error = largest(&(&found - &jacobian.column(k))) / largest(jacobian.column(k));
         // h / edge = 1e-2, to the fourth; rounding 1e-13 / h
         assert!(error < 1e-6, "{what}: {error:e}");
     }
@@ -263,7 +263,7 @@ fn rigid_motion_and_dilation() {
     let voltages = solution.measurements();
     for k in 0..4 {
         // a derivative for a movement of one radius; rounding of 200 elements
-        assert!(largest(&slopes.column(k)) < 1e-12 * largest(&voltages), "{k}");
+        assert!(largest(slopes.column(k)) < 1e-12 * largest(&voltages), "{k}");
     }
     let mut weights: Vec<f64> = state.impedance.iter().map(|z| -z).collect();
     weights[11] *= 2.0;

@@ -5,6 +5,8 @@
 //! row below its columns; what is left of a front is `[column, row]`, its lower triangle. Sums stay
 //! in registers: four columns of eight rows are eight of the sixteen registers of 256 bits.
 
+#![allow(clippy::needless_range_loop, reason = "rows and columns of small tiles, by their indices")]
+
 use super::symbolic::LANES;
 use crate::scalar::Scalar;
 
@@ -155,7 +157,7 @@ fn divide<T: Scalar, const W: usize, const R: usize>(
                 sums[c][r] = sums[c][r].less_product(lower[c][k], sums[k][r]);
             }
         }
-        sums[c].iter_mut().for_each(|s| *s = *s * inverse[c]);
+        sums[c].iter_mut().for_each(|s| *s *= inverse[c]);
     }
 }
 
@@ -286,7 +288,7 @@ fn sweep_tile<T: Scalar, const W: usize, const R: usize>(
             }
         }
         let inverse = corner[c][c].inverse();
-        sums[c].iter_mut().for_each(|s| *s = *s * inverse);
+        sums[c].iter_mut().for_each(|s| *s *= inverse);
     }
     for (c, sums) in sums.iter().enumerate() {
         head[(at + c) * lanes + lane..][..R].copy_from_slice(sums);
