@@ -52,7 +52,7 @@ pub struct Calibration {
     /// Covariance [parameter, parameter] of `ln sigma`, then `ln z` of each electrode, or of the
     /// common factor: small values are relative variances.
     pub covariance: Array2<f64>,
-    /// What part of its variance before the data each parameter has lost by them, [parameter]: 1 is
+    /// What part of its variance before the data each parameter has lost by them, `[parameter]`: 1 is
     /// determined by the data, 0 by the prior alone. The conductivity has no prior: always 1.
     pub determined: Vec<f64>,
     /// `|v - V|_W / |v|_W` at the start and at the end.
@@ -84,7 +84,7 @@ impl Calibration {
         fit::Fit::new(model, frame_v, settings)?.run()
     }
 
-    /// Standard deviation of each parameter, [parameter]: of logarithms, so relative where small.
+    /// Standard deviation of each parameter, `[parameter]`: of logarithms, so relative where small.
     pub fn std(&self) -> Vec<f64> {
         self.covariance.diag().iter().map(|v| v.sqrt()).collect()
     }
