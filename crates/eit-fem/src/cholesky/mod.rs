@@ -5,8 +5,14 @@
 //! matrix entries and what the children left are added up, the front's columns are eliminated, the
 //! rest waits on a stack for the parent. All places are known from the pattern ([`symbolic`]), so
 //! that a factorisation is additions to known places and dense tiles ([`front`]), and allocates
-//! nothing. Meshes of the plane have narrow fronts (columns: 5 in the mean, rows: 20 to 40), where a
-//! general dense library spends more time on calls than on arithmetic.
+//! nothing. Meshes of the plane have small fronts (at 2 000 nodes 540 of them, in the mean four
+//! columns and eleven rows below), where a general dense library spends more time on calls than on
+//! arithmetic.
+//!
+//! Floor: one fused operation per two flops. At 20 000 nodes (79 MFLOP) a factorisation reaches 9 of
+//! the 33 GFLOP/s of a dense product on the same core, at 2 000 (2.3 MFLOP) 7. The rest goes into
+//! additions to scattered places (one for each value that a child leaves: 1.3 million at 20 000
+//! nodes), the zeros of panels, and short tiles.
 //!
 //! The unknowns from `nodes` on are one front, the last: its factor is the trailing block.
 //!
