@@ -231,6 +231,9 @@ impl Choice {
             let mut cargo = Command::new(env!("CARGO"));
             cargo.current_dir(&home).args(command).arg("--offline").args(chosen);
             cargo.env("RUSTC_WRAPPER", &this).env(TIMES, &times).env("CARGO_INCREMENTAL", "0");
+            // cargo's own neighbour: rustup's would take the toolchain that some crates name for
+            // their developers
+            cargo.env("RUSTC", Path::new(env!("CARGO")).with_file_name("rustc"));
             cargo.env("CARGO_TARGET_DIR", folder.join("target")).stderr(Stdio::inherit());
             cargo
         };

@@ -6,6 +6,8 @@
 //!
 //! After the first solve with a workspace, [`ForwardModel::solve`],
 //! [`Solution::measurements_into`] and [`Solution::jacobian_into`] allocate nothing of their own.
+//!
+//! Longer than other files: one type, what can be asked of it, and the documentation of the answers.
 
 use crate::accurate::{self, Accurate};
 use crate::derivatives::Solved;
