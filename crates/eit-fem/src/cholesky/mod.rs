@@ -6,13 +6,12 @@
 //! rest waits on a stack for the parent. All places are known from the pattern ([`symbolic`]), so
 //! that a factorisation is additions to known places and dense tiles ([`front`]), and allocates
 //! nothing. Meshes of the plane have small fronts (at 2 000 nodes 540 of them, in the mean four
-//! columns and eleven rows below), where a general dense library spends more time on calls than on
-//! arithmetic.
+//! columns and eleven rows below), too little arithmetic for each call of a general dense library.
 //!
 //! Floor: one fused operation per two flops. At 20 000 nodes (79 MFLOP) a factorisation reaches 9 of
-//! the 33 GFLOP/s of a dense product on the same core, at 2 000 (2.3 MFLOP) 7. The rest goes into
-//! additions to scattered places (one for each value that a child leaves: 1.3 million at 20 000
-//! nodes), the zeros of panels, and short tiles.
+//! the 33 GFLOP/s of a dense product on the same core, at 2 000 (2.3 MFLOP) 7, assembly included. Beside
+//! the flops there are additions to scattered places (one for each value that a child leaves: 1.3
+//! million at 20 000 nodes), the zeros of panels, and short tiles; their shares are not measured.
 //!
 //! The unknowns from `nodes` on are one front, the last: its factor is the trailing block.
 //!
