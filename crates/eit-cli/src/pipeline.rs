@@ -3,6 +3,7 @@
 //! Each stage is built only where a command needs it.
 
 pub(crate) mod imaging;
+pub(crate) mod mesh_choice;
 pub(crate) mod noise;
 mod part;
 pub(crate) mod sequence;
@@ -15,9 +16,10 @@ pub(crate) use imaging::{Imaging, imaging};
 use crate::error::CliError;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Scene};
-use eit_fem::{ForwardModel, Protocol, SolveReport};
+use eit_fem::{Elements, ForwardModel, Protocol, Solution, SolveReport, Workspace};
 use eit_inverse::DifferenceData;
 use eit_mesh::{Mesh, Raster};
+use mesh_choice::{Accuracy, Choice};
 use ndarray::{Array1, Array2};
 
 /// Pixels along the longer side where the scene states none: a disc of 64 has 3 200 pixels, ten
@@ -40,6 +42,30 @@ pub(crate) struct Setup {
     pub model: ForwardModel,
     /// What was mended in the mesh file.
     pub notes: Vec<String>,
+    /// What the scene requires of the mesh, and what was found.
+    pub accuracy: Option<Accuracy>,
+}
+
+impl Setup {
+    /// What rounding may cost the voltages, of the largest: a tenth of the required accuracy.
+    fn rounding(&self) -> f64 {
+        let required = self.accuracy.as_ref().map_or(1.0, |accuracy| accuracy.required);
+        // f64 results have no more
+        (0.1 * required).clamp(4.0 * f64::EPSILON, WARN_LOSS)
+    }
+
+    /// One solve whose rounding is known to be small: by the textbook assembly where that suffices,
+    /// else in twice the precision. Quadratic elements have the first path only.
+    pub fn solve<'a>(
+        &'a self,
+        conductivity_s: &[f64],
+        workspace: &'a mut Workspace,
+    ) -> Result<Solution<'a>, CliError> {
+        Ok(match self.model.element_kind() {
+            Elements::Linear => self.model.solve_to(conductivity_s, self.rounding(), workspace)?,
+            Elements::Quadratic => self.model.solve(conductivity_s, workspace)?,
+        })
+    }
 }
 
 /// The model linearised at the homogeneous background.
@@ -70,9 +96,8 @@ pub(crate) fn setup(
         scene.protocol(electrodes)?;
         scene.contact_impedance(electrodes)?;
     }
-    let made = progress.stage("mesh", || wanted.build_noted());
-    let (mesh, notes) = made.map_err(|e| e.within(&scene.place))?;
-    notes.iter().for_each(|note| progress.note(note));
+    let Choice { mesh, elements, notes, accuracy } =
+        mesh_choice::mesh(scene, (&wanted, nodes.is_some()), progress)?;
     let electrodes = mesh.electrodes().len();
     if electrodes == 0 {
         return Err(CliError::input(
@@ -93,10 +118,10 @@ pub(crate) fn setup(
         )));
     }
     let model = progress.stage("forward model", || {
-        ForwardModel::with_elements(&mesh, &protocol, &impedance, scene.elements())
+        ForwardModel::with_elements(&mesh, &protocol, &impedance, elements)
     });
     let model = model.map_err(|e| CliError::from(e).within(&scene.place))?;
-    Ok(Setup { mesh, protocol, model, notes })
+    Ok(Setup { mesh, protocol, model, notes, accuracy })
 }
 
 /// Voltages and Jacobian of the homogeneous background.
@@ -108,7 +133,7 @@ pub(crate) fn linearise(
     let background = vec![scene.skin.conductivity_s; setup.model.elements()];
     progress.stage("forward and Jacobian", || {
         let mut workspace = setup.model.workspace()?;
-        let mut solution = setup.model.solve(&background, &mut workspace)?;
+        let mut solution = setup.solve(&background, &mut workspace)?;
         let report = solution.report();
         let warning = certain(&report)?;
         let (voltages, jacobian) = (solution.measurements(), solution.jacobian());

@@ -24,7 +24,7 @@ use crate::error::CliError;
 use crate::pipeline;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use eit_fem::{Solution, SolveReport};
+use eit_fem::{Solution, SolvePath, SolveReport};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -42,7 +42,12 @@ fn solve_json(report: &SolveReport) -> Value {
         "unknowns": report.unknowns,
         "factor_entries": report.factor_entries,
         "field_solves": report.field_solves,
+        "path": match report.path {
+            SolvePath::Plain => "plain",
+            SolvePath::Accurate => "accurate",
+        },
         "backward_error": report.backward_error,
+        "error_bound": report.error_bound,
         "expected_loss": report.expected_loss,
         "time_s": report.time_s,
     })
@@ -70,7 +75,7 @@ fn solve<T>(
     let sigma = conductivity(scene, conductivity_file, elements)?;
     progress.stage("solve", || {
         let mut workspace = setup.model.workspace()?;
-        let mut solution = setup.model.solve(&sigma, &mut workspace)?;
+        let mut solution = setup.solve(&sigma, &mut workspace)?;
         let wanted = take(&mut solution);
         let report = solution.report();
         let warning = pipeline::certain(&report)?;

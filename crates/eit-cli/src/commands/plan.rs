@@ -6,6 +6,7 @@ mod method_words;
 mod net;
 pub(crate) mod sequence;
 pub(crate) mod stages;
+mod voltage_error;
 
 use super::Answer;
 use crate::cli::PlanArgs;
@@ -13,17 +14,14 @@ use crate::error::CliError;
 use crate::machine::Machine;
 use crate::measured;
 use crate::method::{self, MethodChoice};
-use crate::pipeline::{self, Setup, series};
+use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use expected::Expected;
 use sequence::Sequence;
 use serde_json::{Value, json};
 use stages::Stage;
-
-/// Degree of the mesh-free series: the two digits printed do not change from degree 8 to 24 on the
-/// paper-disc.
-const PLAN_DEGREE: usize = 12;
+use voltage_error::VoltageError;
 
 /// Builds what sizes need (mesh and symbolic factorisation), predicts the rest.
 pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
@@ -53,8 +51,9 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     stages.extend(net::of(&scene, crate::denoise::of_scene(&scene)?.as_ref(), of_net));
     let left_out = left_out::of(&scene, &setup, choice.method, sequence);
     let words = method_words::of(&scene, choice.method, sequence);
-    let voltage_error =
-        progress.stage("mesh-free comparison", || voltage_error(&scene, &setup, &voltages))?;
+    let error = progress.stage("error of the mesh", || {
+        VoltageError::of(&scene, &setup, &voltages)
+    })?;
     let json = json!({
         "scene": scene.name,
         "method": choice.method.name(),
@@ -66,13 +65,14 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
         "stages": stages.iter().map(stage_json).collect::<Vec<_>>(),
         "left_out": left_out.iter().map(|(what, why)| json!({"what": what, "why": why}))
             .collect::<Vec<_>>(),
-        "expected_voltage_error": voltage_error,
+        "expected_voltage_error": error.of_mesh,
+        "voltage_error": error.json(),
         "expected_images": expected.json(),
         "machine": machine,
         "built": progress.times(),
     });
     let parts = (&stages[..], &left_out, &words[..]);
-    let text = text(&scene.name, &choice, parts, (voltage_error, &expected, &machine));
+    let text = text(&scene.name, &choice, parts, (&error, &expected, &machine));
     Ok(Answer { text, json })
 }
 
@@ -83,7 +83,7 @@ fn text(
     name: &str,
     choice: &MethodChoice,
     (stages, left_out, words): (&[Stage], &LeftOut, &[String]),
-    (voltage_error, expected, machine): (Option<f64>, &Expected, &Machine),
+    (error, expected, machine): (&VoltageError, &Expected, &Machine),
 ) -> String {
     let mut lines = vec![
         format!("method {}: {}", choice.method.name(), choice.why),
@@ -101,17 +101,7 @@ fn text(
         lines.push(format!("  {:<22} {}", "", s.why));
     }
     lines.push(format!("times on this machine: {}", machine.words()));
-    lines.push(match voltage_error {
-        Some(error) => format!(
-            "expected error of the voltages on this mesh: {error:.1e} of the largest (homogeneous \
-             skin, against the mesh-free series)"
-        ),
-        None => {
-            "expected error of the voltages: not computed (the mesh-free series is for discs of \
-                 at most 32 equal electrodes); compare with a finer [mesh]"
-                .to_owned()
-        }
-    });
+    lines.extend(error.words());
     lines.extend(expected.words());
     if !words.is_empty() {
         lines.push("how the method works on this scene".to_owned());
@@ -126,18 +116,7 @@ fn text(
 fn untouched(scene: &Scene, setup: &Setup) -> Result<Vec<f64>, CliError> {
     let background = vec![scene.skin.conductivity_s; setup.model.elements()];
     let mut workspace = setup.model.workspace()?;
-    Ok(setup.model.solve(&background, &mut workspace)?.measurements().to_vec())
-}
-
-/// Error of this mesh on the homogeneous disc, relative to the largest voltage.
-fn voltage_error(scene: &Scene, setup: &Setup, found: &[f64]) -> Result<Option<f64>, CliError> {
-    let Some(exact) = series::disc_voltages(scene, setup, PLAN_DEGREE)? else { return Ok(None) };
-    let (mut largest, mut error) = (0.0_f64, 0.0_f64);
-    for (exact, found) in exact.iter().zip(found) {
-        largest = largest.max(exact.abs());
-        error = error.max((exact - found).abs());
-    }
-    Ok(Some(error / largest))
+    Ok(setup.solve(&background, &mut workspace)?.measurements().to_vec())
 }
 
 fn stage_json(stage: &Stage) -> Value {

@@ -1,11 +1,13 @@
 //! From the scene's keys to the settings of the library crates.
 
 use super::{
-    DifferenceKind, Direction, Driven, ElementKeys, OneOrMany, Order, Pair, Position, Scene, Shape,
+    AccuracyKeys, AccuracyRule, DifferenceKind, Direction, Driven, ElementKeys, OneOrMany, Order, Pair, Position, Scene, Shape,
     plain,
 };
 use crate::error::CliError;
-use eit_fem::{DrivenElectrodes, Elements, PairPattern, PairProtocol, Protocol};
+use eit_fem::{
+    DrivenElectrodes, Elements, PairPattern, PairProtocol, Protocol, RequiredAccuracy,
+};
 use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
 use std::path::{Path, PathBuf};
 
@@ -94,12 +96,25 @@ impl SceneMesh {
 }
 
 impl Scene {
-    /// The kind of finite elements.
-    pub fn elements(&self) -> Elements {
-        match self.mesh.elements {
+    /// The kind of finite elements that the scene names.
+    pub fn elements(&self) -> Option<Elements> {
+        Some(match self.mesh.elements? {
             ElementKeys::Linear => Elements::Linear,
             ElementKeys::Quadratic => Elements::Quadratic,
-        }
+        })
+    }
+
+    /// The accuracy that the mesh is chosen for, if the scene requires one.
+    pub fn required_accuracy(&self) -> Result<Option<RequiredAccuracy>, CliError> {
+        let key = "noise.additive_v";
+        Ok(match &self.mesh.required_accuracy {
+            None => None,
+            Some(AccuracyKeys::Relative(value)) => Some(RequiredAccuracy::Relative(*value)),
+            Some(AccuracyKeys::Rule(AccuracyRule::Noise)) => {
+                let why = "mesh.required_accuracy = \"noise\"";
+                Some(RequiredAccuracy::Volts(self.needed(self.noise.additive_v, key, why)?))
+            }
+        })
     }
 
     /// The mesh this scene asks for, checked; `nodes` overrides its density.

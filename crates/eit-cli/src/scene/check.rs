@@ -2,7 +2,7 @@
 //!
 //! Shapes, electrodes and protocols are checked by the crates that build them.
 
-use super::{Delta, Hyperparameter, PriorKind, Rule, Scene, Shape};
+use super::{AccuracyKeys, Delta, Hyperparameter, PriorKind, Rule, Scene, Shape};
 use crate::error::CliError;
 use crate::method::Method;
 
@@ -16,6 +16,7 @@ impl Scene {
             .and_then(|()| self.check_tv())
             .and_then(|()| self.check_company())
             .and_then(|()| self.check_method())
+            .and_then(|()| self.required_accuracy().map(|_| ()))
             .map_err(|e| e.within(&self.place))
     }
 
@@ -48,6 +49,14 @@ impl Scene {
         if let Some(scale) = self.recording.scale.filter(|s| !s.is_finite() || *s == 0.0) {
             let message = format!("recording.scale is {scale}: it must be finite and not zero");
             return Err(CliError::input(message));
+        }
+        if let Some(AccuracyKeys::Relative(value)) = self.mesh.required_accuracy
+            && !(value > 0.0 && value < 1.0)
+        {
+            return Err(CliError::input(format!(
+                "mesh.required_accuracy is {value}: a part of the largest voltage is above 0 and \
+                 below 1"
+            )));
         }
         if let Some(pixels) = image.pixels.filter(|p| !(1..=MOST_PIXELS).contains(p)) {
             let message =
@@ -142,6 +151,7 @@ impl Scene {
         // a file that brings its electrodes is taken as it is
         let own = ("skin.shape = \"mesh\" without positions_m", file.1 && !positions.1);
         let radius = ("electrodes.radius_m", electrodes.radius_m.is_some());
+        let accuracy = ("mesh.required_accuracy", mesh.required_accuracy.is_some());
         let exclusive = [
             (drive, pairs),
             (drive, quadruples),
@@ -161,6 +171,9 @@ impl Scene {
             (own, ("mesh.electrode_edge_m", mesh.electrode_edge_m.is_some())),
             (own, ("mesh.grading", mesh.grading.is_some())),
             (("mesh.nodes", mesh.nodes.is_some()), ("mesh.edge_m", mesh.edge_m.is_some())),
+            (accuracy, ("mesh.nodes", mesh.nodes.is_some())),
+            (accuracy, ("mesh.edge_m", mesh.edge_m.is_some())),
+            (accuracy, ("mesh.electrode_edge_m", mesh.electrode_edge_m.is_some())),
             (
                 ("noise.additive_v", self.noise.additive_v.is_some()),
                 ("noise.quiet_frames", self.noise.quiet_frames.is_some()),

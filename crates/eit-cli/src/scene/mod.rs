@@ -211,15 +211,32 @@ pub(crate) struct MeshKeys {
     pub grading: Option<f64>,
     pub nodes: Option<usize>,
     pub node_limit: Option<usize>,
-    #[serde(default)]
-    pub elements: ElementKeys,
+    /// Left out: linear, or with `required_accuracy` the cheaper kind.
+    pub elements: Option<ElementKeys>,
+    /// The mesh is chosen so that its voltages are as exact as this.
+    pub required_accuracy: Option<AccuracyKeys>,
+}
+
+/// `mesh.required_accuracy`: a part of the largest voltage, or "noise".
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged, expecting = "a part of the largest voltage, or \"noise\"")]
+pub(crate) enum AccuracyKeys {
+    Relative(f64),
+    Rule(AccuracyRule),
+}
+
+/// Rules of `mesh.required_accuracy`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum AccuracyRule {
+    /// The standard deviation of a voltage.
+    Noise,
 }
 
 /// `mesh.elements`
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum ElementKeys {
-    #[default]
     Linear,
     Quadratic,
 }

@@ -23,7 +23,7 @@ const SWEEP_FLOPS_PER_S: f64 = 1e10;
 const PRIOR_ENTRY_S: f64 = 2.5e-8;
 const PRODUCT_FLOPS_PER_S: f64 = 3.3e10;
 const DECOMPOSITION_FLOPS_PER_S: f64 = 1.5e10;
-const STORE_BYTES_PER_S: f64 = 3e9;
+const STORE_BYTES_PER_S: f64 = 4e9;
 /// Beyond the caches, where every page is new: between 1.3 and 3.
 const NEW_BYTES_PER_S: f64 = 2e9;
 const CACHED_BYTES: f64 = 1.6e7;
