@@ -24,7 +24,6 @@ use crate::forward::check_accuracy;
 use crate::{Elements, FemError, ForwardModel, ModelCost, Protocol};
 use eit_mesh::Mesh;
 use ndarray::Array1;
-use std::f64::consts::SQRT_2;
 
 /// Nodes of the mesh that judges over those of the one that is judged, at least.
 const FINER: f64 = 2.0;
@@ -32,8 +31,12 @@ const FINER: f64 = 2.0;
 /// Error over the difference from the mesh that judges.
 const SHARE: f64 = 2.0;
 
-/// Nodes of the first mesh that is tried.
-const FEWEST_NODES: f64 = 200.0;
+/// Edges of a mesh over those of the one before it: the fourth root of a half, about `sqrt(2)` times
+/// the nodes.
+const STEP: f64 = 0.840_896_415_253_714_6;
+
+/// Where a search ends at the latest, should `mesh_of` not follow the scale.
+const LEAST_SCALE: f64 = 1e-4;
 
 /// What a stored byte of the Jacobian costs, in floating point operations of the factorisation:
 /// 3 GB/s against 15 GFLOP/s on the machine of `docs/PERFORMANCE.md`.
@@ -62,7 +65,7 @@ pub struct MeshSearch<'a> {
     pub required: RequiredAccuracy,
     /// The kind of elements; `None`: the cheaper one.
     pub elements: Option<Elements>,
-    /// No mesh of more nodes is asked for.
+    /// No mesh of more nodes is solved.
     pub most_nodes: usize,
 }
 
@@ -125,25 +128,28 @@ struct Level {
 }
 
 impl MeshSearch<'_> {
-    /// Searches among the meshes of `mesh_of`, which makes one of about as many nodes as it is
-    /// asked for, all of one family, or `None` if electrodes and corners need more.
+    /// Searches among the meshes of `mesh_of`: similar ones, whose edges are all in proportion to the
+    /// scale that it is given, from 1 on downward ([`MeshSettings::similar`](eit_mesh::MeshSettings)
+    /// makes such a family).
     ///
     /// # Errors
     /// Those of `mesh_of` and of [`ForwardModel::solve`]; a required accuracy that is not above
     /// zero, or not between `4 eps` and 1 of the largest voltage; [`FemError::NoMeshSuffices`].
     pub fn run<E: From<FemError>>(
         &self,
-        mut mesh_of: impl FnMut(usize) -> Result<Option<Mesh>, E>,
+        mut mesh_of: impl FnMut(f64) -> Result<Mesh, E>,
     ) -> Result<ChosenMesh, E> {
         let kinds = self.kinds()?;
         let mut levels: Vec<Level> = Vec::new();
-        let mut wanted = FEWEST_NODES;
-        while wanted <= self.most_nodes as f64 {
-            let asked = wanted.round() as usize;
-            wanted *= SQRT_2;
-            let Some(mesh) = mesh_of(asked)? else { continue };
-            // a family that cannot be coarser gives the same mesh again
+        let mut scale = 1.0;
+        loop {
+            let mesh = mesh_of(scale)?;
             let nodes = mesh.surface().nodes().len();
+            if nodes > self.most_nodes || scale < LEAST_SCALE {
+                return Err(self.none(&levels).into());
+            }
+            scale *= STEP;
+            // where corners hold a mesh fine, the next ones may be the same
             if levels.last().is_some_and(|level| level.mesh.surface().nodes().len() >= nodes) {
                 continue;
             }
@@ -154,7 +160,6 @@ impl MeshSearch<'_> {
                 return Ok(chosen(levels, (level, trial), (required, largest_v)));
             }
         }
-        Err(self.none(&levels).into())
     }
 
     /// Estimates the error of linear elements by quadratic ones on the same mesh: for meshes that

@@ -27,6 +27,9 @@ pub struct MeshSettings {
     /// smaller. Gaps and
     /// corners may need shorter edges and get them.
     pub electrode_edge_m: Option<f64>,
+    /// Edge length at corners that point into the skin, such as those of a rectangular hole, where the
+    /// current density is singular too, metres. `None`: as between other places of the rim.
+    pub corner_edge_m: Option<f64>,
     /// Growth of the edge length with distance from an electrode end, 0.05 to 0.5. Small values
     /// give better triangles and more of them; above 0.4 the smallest angles can fall to 19 degrees.
     pub grading: f64,
@@ -41,6 +44,7 @@ impl Default for MeshSettings {
         Self {
             edge_m: None,
             electrode_edge_m: None,
+            corner_edge_m: None,
             grading: 0.25,
             node_limit: 1_000_000,
             smoothing_rounds: 3,
@@ -54,14 +58,50 @@ impl MeshSettings {
         Self { edge_m: Some(edge_m), ..Self::default() }
     }
 
+    /// One of a family of similar meshes, for looking at convergence or for the mesh that just
+    /// suffices: all edges shrink with `scale`. At 1 the inner ones are a ninth of the side of the
+    /// square that has the skin's area (some hundred nodes), those at electrode ends and at corners that
+    /// point into the skin a quarter of that, or a third of `electrode_m` where this is smaller: the
+    /// width of the narrowest electrode, or diameter of a patch.
+    ///
+    /// # Errors
+    /// [`MeshError::OutOfRange`] for a scale or width that is not above zero and finite.
+    pub fn similar(
+        &self,
+        shape: &SkinShape,
+        electrode_m: f64,
+        scale: f64,
+    ) -> Result<Self, MeshError> {
+        for (quantity, value) in [("scale", scale), ("electrode_m", electrode_m)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(MeshError::OutOfRange { quantity, value, must: "positive and finite" });
+            }
+        }
+        let edge_m = scale * shape.outline()?.area_m2().sqrt() / 9.0;
+        let end_m = (0.25 * edge_m).min(scale * electrode_m / 3.0);
+        Ok(Self {
+            edge_m: Some(stretch(shape) * edge_m),
+            electrode_edge_m: Some(end_m),
+            corner_edge_m: Some(end_m),
+            ..self.clone()
+        })
+    }
+
+    /// Every edge length that is set, with its name.
+    fn edges(&self) -> [(&'static str, Option<f64>); 3] {
+        [
+            ("edge_m", self.edge_m),
+            ("electrode_edge_m", self.electrode_edge_m),
+            ("corner_edge_m", self.corner_edge_m),
+        ]
+    }
+
     /// Checks every number.
     ///
     /// # Errors
     /// [`MeshError::OutOfRange`].
     pub fn validate(&self) -> Result<(), MeshError> {
-        for (quantity, edge) in
-            [("edge_m", self.edge_m), ("electrode_edge_m", self.electrode_edge_m)]
-        {
+        for (quantity, edge) in self.edges() {
             if let Some(value) = edge.filter(|e| !(e.is_finite() && *e > 0.0)) {
                 return Err(MeshError::OutOfRange { quantity, value, must: "positive and finite" });
             }
@@ -147,9 +187,7 @@ impl MeshSettings {
     /// Interior edge length on the outline of a shape, metres, checked against its size and the node
     /// limit.
     fn edge_on(&self, outline: &Outline, shape: &SkinShape) -> Result<f64, MeshError> {
-        for (quantity, edge) in
-            [("edge_m", self.edge_m), ("electrode_edge_m", self.electrode_edge_m)]
-        {
+        for (quantity, edge) in self.edges() {
             if let Some(value) = edge.filter(|&e| e < outline.resolution_m()) {
                 let must =
                     "at least 1e-9 of the outline's length (shorter edges drown in rounding)";

@@ -146,6 +146,22 @@ impl Loop {
         }
     }
 
+    /// Whether the skin's angle at a corner is above 210 degrees: less is a corner of a polygon that
+    /// stands for a curve.
+    pub(crate) fn points_in(&self, corner_m: f64) -> bool {
+        let piece = self.piece_at(corner_m);
+        let before = (piece + self.pieces.len() - 1) % self.pieces.len();
+        let (Piece::Line { from: a, .. }, Piece::Line { from: b, to: c }) =
+            (&self.pieces[before], &self.pieces[piece])
+        else {
+            return false;
+        };
+        let (u, v) = ([b[0] - a[0], b[1] - a[1]], [c[0] - b[0], c[1] - b[1]]);
+        // the skin is on the left: a turn to the right
+        let turn_rad = (u[0] * v[1] - u[1] * v[0]).atan2(u[0] * v[0] + u[1] * v[1]);
+        turn_rad < -TAU / 12.0
+    }
+
     /// Largest edge that keeps a chord within 30 degrees of arc, so that even a coarse mesh
     /// has the shape of the skin; infinite where the loop is straight. Metres.
     pub(crate) fn largest_chord_m(&self) -> f64 {

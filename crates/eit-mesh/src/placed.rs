@@ -63,7 +63,7 @@ impl PlacedElectrode {
     }
 
     /// Width or diameter, metres.
-    pub(crate) fn width_m(&self) -> f64 {
+    pub fn width_m(&self) -> f64 {
         match self.contact {
             Contact::Rim { width_m } => width_m,
             Contact::Patch { radius_m } => 2.0 * radius_m,

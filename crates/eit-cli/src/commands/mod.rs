@@ -71,7 +71,7 @@ fn solve<T>(
     take: impl FnOnce(&mut Solution<'_>) -> T,
 ) -> Result<Solved<T>, CliError> {
     let setup = pipeline::setup(scene, mesh_file, None, progress)?;
-    let (elements, notes) = (setup.model.elements(), setup.notes);
+    let elements = setup.model.elements();
     let sigma = conductivity(scene, conductivity_file, elements)?;
     progress.stage("solve", || {
         let mut workspace = setup.model.workspace()?;
@@ -79,7 +79,7 @@ fn solve<T>(
         let wanted = take(&mut solution);
         let report = solution.report();
         let warning = pipeline::certain(&report)?;
-        Ok(Solved { elements, wanted, report, warning, notes })
+        Ok(Solved { elements, wanted, report, warning, notes: setup.notes.clone() })
     })
 }
 

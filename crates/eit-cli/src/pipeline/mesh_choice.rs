@@ -108,26 +108,8 @@ fn searched(
     let protocol = scene.protocol(electrodes)?;
     let contact_impedance = scene.contact_impedance(electrodes)?;
     let search = search(scene, (&protocol, &contact_impedance), required);
-    let (mut refused, mut any) = (None, false);
-    let found = search.run(|nodes| {
-        match scene.mesh(Some(nodes)).and_then(|wanted| wanted.build()) {
-            Ok(mesh) => {
-                any = true;
-                Ok(Some(mesh))
-            }
-            // electrode ends and corners need more nodes
-            Err(error @ CliError::Input(_)) => {
-                refused = Some(error);
-                Ok(None)
-            }
-            Err(error) => Err(error),
-        }
-    });
-    // without any mesh the last refusal says why
-    let found = match (found, refused) {
-        (Err(_), Some(refused)) if !any => return Err(refused),
-        (found, _) => found.map_err(|error: CliError| error.within(&scene.place))?,
-    };
+    let found = search.run(|scale| scene.similar_mesh(scale));
+    let found = found.map_err(|error: CliError| error.within(&scene.place))?;
     Ok(Choice {
         mesh: found.mesh,
         elements: found.elements,

@@ -152,6 +152,26 @@ impl Scene {
         Ok(SceneMesh::Generated { shape, electrodes, settings })
     }
 
+    /// A mesh of the family that the scene's mesh is chosen from ([`MeshSettings::similar`]).
+    pub fn similar_mesh(&self, scale: f64) -> Result<Mesh, CliError> {
+        let shape = self.shape()?;
+        // the search has a limit of its own
+        let node_limit = MeshSettings::default().node_limit;
+        let settings = MeshSettings { node_limit, ..self.mesh_settings()? };
+        Ok(match self.electrodes()? {
+            SceneElectrodes::Rim(rim) => {
+                let settings = settings.similar(&shape, rim.width_m, scale)?;
+                eit_mesh::generate(&shape, &rim, &settings)?
+            }
+            SceneElectrodes::Placed(placed) => {
+                let widths = placed.iter().map(PlacedElectrode::width_m);
+                let narrowest_m = widths.fold(f64::INFINITY, f64::min);
+                let settings = settings.similar(&shape, narrowest_m, scale)?;
+                eit_mesh::generate_placed(&shape, &placed, &settings)?
+            }
+        })
+    }
+
     fn mesh_settings(&self) -> Result<MeshSettings, CliError> {
         let default = MeshSettings::default();
         let settings = MeshSettings {

@@ -79,6 +79,8 @@ impl VoltageError {
                 "noise of the instrument: {noise:.1e} of the largest voltage, {}",
                 if error <= noise {
                     format!("{:.1} times the error of the mesh", noise / error)
+                } else if self.accuracy.is_some() {
+                    format!("{:.1} times less than the error of the mesh", error / noise)
                 } else {
                     format!(
                         "{:.1} times less than the error of the mesh, which differences from a \
