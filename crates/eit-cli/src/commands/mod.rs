@@ -44,6 +44,7 @@ fn solve_json(report: &SolveReport) -> Value {
         "field_solves": report.field_solves,
         "path": match report.path {
             SolvePath::Plain => "plain",
+            SolvePath::Stable => "stable",
             SolvePath::Accurate => "accurate",
         },
         "backward_error": report.backward_error,

@@ -17,6 +17,7 @@ use crate::method::{self, MethodChoice};
 use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
 use crate::scene::Scene;
+use eit_fem::SolvePath;
 use expected::Expected;
 use sequence::Sequence;
 use serde_json::{Value, json};
@@ -38,7 +39,7 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     let scene_is_live = scene.instrument.is_some() && scene.recording.file.is_none();
     let mut recording = sequence::read(&scene, &setup, &mut progress);
     let frames = recording.as_ref().map(|frames| frames.values.nrows());
-    let voltages = progress.stage("voltages", || untouched(&scene, &setup))?;
+    let (voltages, path) = progress.stage("voltages", || untouched(&scene, &setup))?;
     let scene = measured::in_time(scene, &setup, (frames, scene_is_live), &voltages)?;
     let choice = method::choose(&scene, args.method.as_deref(), frames)?;
     let sequence = Sequence::of(&scene, &setup, choice.method, recording.as_mut(), &mut progress);
@@ -47,6 +48,7 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     let expected = Expected::of(&scene, &setup, images, &voltages, &machine)?;
     let planned = (choice.method, sequence);
     let mut stages = stages::of(&scene, &setup, planned, (&machine, expected.row.as_ref()));
+    stages.extend(stages::linearisation(&setup, path, &machine));
     let of_net = (setup.protocol.measurements(), stages::skin_share(&setup));
     stages.extend(net::of(&scene, crate::denoise::of_scene(&scene)?.as_ref(), of_net));
     let left_out = left_out::of(&scene, &setup, choice.method, sequence);
@@ -112,11 +114,12 @@ fn text(
     lines.join("\n")
 }
 
-/// Voltages of the untouched skin on this mesh.
-fn untouched(scene: &Scene, setup: &Setup) -> Result<Vec<f64>, CliError> {
+/// Voltages of the untouched skin on this mesh, and the path of their solve.
+fn untouched(scene: &Scene, setup: &Setup) -> Result<(Vec<f64>, SolvePath), CliError> {
     let background = vec![scene.skin.conductivity_s; setup.model.elements()];
     let mut workspace = setup.model.workspace()?;
-    Ok(setup.solve(&background, &mut workspace)?.measurements().to_vec())
+    let mut solution = setup.solve(&background, &mut workspace)?;
+    Ok((solution.measurements().to_vec(), solution.report().path))
 }
 
 fn stage_json(stage: &Stage) -> Value {
