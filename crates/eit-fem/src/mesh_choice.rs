@@ -53,6 +53,29 @@ pub enum RequiredAccuracy {
 }
 
 /// What a mesh is searched for.
+///
+/// ```
+/// use eit_fem::{MeshSearch, PairProtocol, RequiredAccuracy};
+/// use eit_mesh::{MeshSettings, RimElectrodes, SkinShape, generate};
+///
+/// let skin = SkinShape::Disc { radius_m: 0.1 };
+/// let electrodes = RimElectrodes::equally_spaced(16, 0.0196);
+/// let protocol = PairProtocol::default().protocol()?;
+/// let search = MeshSearch {
+///     protocol: &protocol,
+///     contact_impedance: &[1e3; 16],
+///     conductivity_s: 1e-5,
+///     required: RequiredAccuracy::Relative(1e-3),
+///     elements: None,
+///     most_nodes: 50_000,
+/// };
+/// let chosen = search.run(|scale| {
+///     let settings = MeshSettings::default().similar(&skin, 0.0196, scale)?;
+///     Ok::<_, Box<dyn std::error::Error>>(generate(&skin, &electrodes, &settings)?)
+/// })?;
+/// assert!(chosen.error <= 1e-3 && chosen.mesh.surface().nodes().len() < 1000);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, Copy)]
 pub struct MeshSearch<'a> {
     /// Stimulation and measurement.

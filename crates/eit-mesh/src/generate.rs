@@ -88,7 +88,7 @@ impl MeshSettings {
     }
 
     /// Every edge length that is set, with its name.
-    fn edges(&self) -> [(&'static str, Option<f64>); 3] {
+    pub(crate) fn edges(&self) -> [(&'static str, Option<f64>); 3] {
         [
             ("edge_m", self.edge_m),
             ("electrode_edge_m", self.electrode_edge_m),

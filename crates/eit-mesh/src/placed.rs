@@ -292,9 +292,7 @@ impl Field {
         settings: &MeshSettings,
         resolution_m: f64,
     ) -> Result<Self, MeshError> {
-        for (quantity, edge) in
-            [("edge_m", settings.edge_m), ("electrode_edge_m", settings.electrode_edge_m)]
-        {
+        for (quantity, edge) in settings.edges() {
             if let Some(value) = edge.filter(|&e| e < resolution_m) {
                 let must = "at least 1e-9 of the skin's size (shorter edges drown in rounding)";
                 return Err(MeshError::OutOfRange { quantity, value, must });
