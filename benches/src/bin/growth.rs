@@ -36,7 +36,8 @@ fn main() -> Result<()> {
 }
 
 fn in_own_process(nodes: usize) -> Result<Value> {
-    let out = Command::new(std::env::current_exe()?).args(["--one", &nodes.to_string()]).output()?;
+    let out =
+        Command::new(std::env::current_exe()?).args(["--one", &nodes.to_string()]).output()?;
     if !out.status.success() {
         return Err(String::from_utf8_lossy(&out.stderr).into());
     }

@@ -57,20 +57,22 @@ fn the_mesh_is_chosen_for_the_required_accuracy() {
 #[test]
 fn the_mesh_is_chosen_below_the_noise() {
     let folder = tempfile::tempdir().unwrap();
-    let noise = |volts: f64, lines: &str| {
-        format!("{}\n[noise]\nadditive_v = {volts:e}\n", meshed(lines))
-    };
+    let noise =
+        |volts: f64, lines: &str| format!("{}\n[noise]\nadditive_v = {volts:e}\n", meshed(lines));
     // the largest voltage of this skin is about 4 V
     let scene = write_scene(folder.path(), &noise(1e-3, "required_accuracy = \"noise\""));
     let plan = json(&["plan", text(&scene)]);
     let error = &plan["voltage_error"];
-    let (of_mesh, of_noise) = (error["of_mesh"].as_f64().unwrap(), error["noise"].as_f64().unwrap());
+    let (of_mesh, of_noise) =
+        (error["of_mesh"].as_f64().unwrap(), error["noise"].as_f64().unwrap());
     assert!(of_mesh < 1.5 * of_noise, "{error}");
     // the largest voltage differs between meshes by less than they err
     let ratio = error["choice"]["required"].as_f64().unwrap() / of_noise;
     assert!((ratio - 1.0).abs() < 1e-2, "{error}");
     let told = succeed(&["plan", text(&scene)]);
-    assert!(told.contains("mesh chosen for the noise") && told.contains("noise of the instrument:"));
+    assert!(
+        told.contains("mesh chosen for the noise") && told.contains("noise of the instrument:")
+    );
     let scene = write_scene(folder.path(), &noise(1e-6, "edge_m = 0.012"));
     let told = succeed(&["plan", text(&scene)]);
     assert!(told.contains("times less than the error of the mesh"), "{told}");
@@ -111,7 +113,8 @@ fn elements_are_chosen_on_the_mesh_of_a_file() {
 fn stiff_contacts_cost_no_digits() {
     let folder = tempfile::tempdir().unwrap();
     let impedance = "[1e-3, 1e6, 1e3, 1e-3, 1e6, 1e3, 1e-3, 1e6]";
-    let scene = write_scene(folder.path(), &SMALL.replace("ohm_m = 1e3", &format!("ohm_m = {impedance}")));
+    let scene =
+        write_scene(folder.path(), &SMALL.replace("ohm_m = 1e3", &format!("ohm_m = {impedance}")));
     let (out, mesh) = (folder.path().join("v.npy"), folder.path().join("m.msh"));
     let forward = json(&["forward", text(&scene), "--out", text(&out)]);
     assert_eq!(forward["solve"]["path"], "stable");

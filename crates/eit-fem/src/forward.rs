@@ -12,6 +12,8 @@
 //! Cost of one solve at `n` nodes with factor of `f` entries: assembly 15 n flops, factorisation
 //! (dominant; linear elements: 2.5 MFLOP at 2 000 nodes and 93 MFLOP at 20 000), then `electrodes^2` for all
 //! voltages. Fields, needed by the Jacobian only: `2 f` flops per independent pattern.
+//!
+//! Long, because one type and the documentation of what can be asked of it are one thing.
 
 use crate::assembly::Assembly;
 use crate::electrode_model::Contact;

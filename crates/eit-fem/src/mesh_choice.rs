@@ -19,6 +19,8 @@
 //! elements alone: `FINER^2` times) the nodes of the chosen one or those of one that costs as much.
 //! It is an estimate: meshes are irregular, and a difference can be small by chance (measured
 //! against the mesh-free series in `tests/mesh_choice.rs`).
+//!
+//! Long, because question, answer and search are documented in one place.
 
 use crate::forward::check_accuracy;
 use crate::{Elements, FemError, ForwardModel, ModelCost, Protocol};
@@ -238,8 +240,7 @@ impl MeshSearch<'_> {
     }
 
     fn trial(&self, mesh: &Mesh, kind: Elements) -> Result<(MeshTrial, Array1<f64>), FemError> {
-        let model =
-            ForwardModel::with_elements(mesh, self.protocol, self.contact_impedance, kind)?;
+        let model = ForwardModel::with_elements(mesh, self.protocol, self.contact_impedance, kind)?;
         let voltages = model.forward(&vec![self.conductivity_s; model.elements()])?;
         let nodes = mesh.surface().nodes().len();
         Ok((MeshTrial { nodes, elements: kind, cost: model.cost(), error: None }, voltages))
@@ -301,7 +302,9 @@ impl MeshSearch<'_> {
                 let work = trial.work(self.protocol.measurements(), triangles);
                 match trial.error {
                     None => waiting = waiting.min(work),
-                    Some(error) if error <= required && best.is_none_or(|(least, _)| work < least) => {
+                    Some(error)
+                        if error <= required && best.is_none_or(|(least, _)| work < least) =>
+                    {
                         best = Some((work, (l, t)));
                     }
                     Some(_) => {}

@@ -13,8 +13,8 @@ use eit_fem::{
     RequiredAccuracy,
 };
 use eit_mesh::{
-    Direction, Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape,
-    generate, generate_placed,
+    Direction, Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape, generate,
+    generate_placed,
 };
 use ndarray::Array1;
 
@@ -91,8 +91,11 @@ fn chosen_meshes_of_the_disc_have_the_error_that_was_required() {
     let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);
     let exact = series(&protocol);
     for kind in [None, Some(Elements::Linear), Some(Elements::Quadratic)] {
-        let accuracies: &[f64] =
-            if kind == Some(Elements::Linear) { &[1e-2, 3e-3, 1e-3] } else { &[1e-2, 1e-3, 1e-4, 1e-5] };
+        let accuracies: &[f64] = if kind == Some(Elements::Linear) {
+            &[1e-2, 3e-3, 1e-3]
+        } else {
+            &[1e-2, 1e-3, 1e-4, 1e-5]
+        };
         let mut nodes = 0;
         for &accuracy in accuracies {
             let search = MeshSearch { elements: kind, ..search(&protocol, &impedance, accuracy) };

@@ -53,9 +53,8 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     stages.extend(net::of(&scene, crate::denoise::of_scene(&scene)?.as_ref(), of_net));
     let left_out = left_out::of(&scene, &setup, choice.method, sequence);
     let words = method_words::of(&scene, choice.method, sequence);
-    let error = progress.stage("error of the mesh", || {
-        VoltageError::of(&scene, &setup, &voltages)
-    })?;
+    let error =
+        progress.stage("error of the mesh", || VoltageError::of(&scene, &setup, &voltages))?;
     let json = json!({
         "scene": scene.name,
         "method": choice.method.name(),

@@ -128,7 +128,8 @@ fn judged(scene: &Scene, fixed: Choice, required: RequiredAccuracy) -> Result<Ch
     let protocol = scene.protocol(count)?;
     let contact_impedance = scene.contact_impedance(count)?;
     let search = search(scene, (&protocol, &contact_impedance), required);
-    let found = search.of_linear(&fixed.mesh).map_err(|e| CliError::from(e).within(&scene.place))?;
+    let found =
+        search.of_linear(&fixed.mesh).map_err(|e| CliError::from(e).within(&scene.place))?;
     let suffices = found.error <= found.required;
     if !suffices && scene.elements() == Some(Elements::Linear) {
         return Err(CliError::input(format!(

@@ -1,13 +1,11 @@
 //! From the scene's keys to the settings of the library crates.
 
 use super::{
-    AccuracyKeys, AccuracyRule, DifferenceKind, Direction, Driven, ElementKeys, OneOrMany, Order, Pair, Position, Scene, Shape,
-    plain,
+    AccuracyKeys, AccuracyRule, DifferenceKind, Direction, Driven, ElementKeys, OneOrMany, Order,
+    Pair, Position, Scene, Shape, plain,
 };
 use crate::error::CliError;
-use eit_fem::{
-    DrivenElectrodes, Elements, PairPattern, PairProtocol, Protocol, RequiredAccuracy,
-};
+use eit_fem::{DrivenElectrodes, Elements, PairPattern, PairProtocol, Protocol, RequiredAccuracy};
 use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
 use std::path::{Path, PathBuf};
 
