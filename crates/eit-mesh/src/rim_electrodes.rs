@@ -34,7 +34,7 @@ pub enum Placement {
     At(Vec<[f64; 2]>),
 }
 
-/// Electrodes along the rim, all of one width; [`PlacedElectrode`]s have each its own.
+/// Electrodes along the rim, all of one width; [`PlacedElectrode`](crate::PlacedElectrode)s have each its own.
 ///
 /// Electrodes keep a gap: touching electrodes would be one conductor, and the complete electrode
 /// model takes them as disjoint. The gap may be as small as 1e-8 of the rim's length.
