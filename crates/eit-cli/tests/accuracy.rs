@@ -137,6 +137,21 @@ fn stiff_contacts_cost_no_digits() {
     assert_eq!(json(&["forward", text(&scene), "--out", text(&out)])["solve"]["path"], "plain");
 }
 
+/// Contacts are fitted on linear elements, so the mesh is chosen among those.
+#[test]
+fn calibration_takes_linear_elements() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = write_scene(folder.path(), &meshed("elements = \"quadratic\"\nnodes = 1000"));
+    let frames = folder.path().join("v.csv");
+    succeed(&["forward", text(&scene), "--out", text(&frames)]);
+    let scene = write_scene(folder.path(), &meshed("required_accuracy = 3e-3"));
+    let told = succeed(&["calibrate", text(&scene), "--frames", text(&frames)]);
+    assert!(told.contains("conductivity"), "{told}");
+    let out = folder.path().join("m.msh");
+    let mesh = json(&["mesh", text(&scene), "--out", text(&out)]);
+    assert_eq!(mesh["elements"], "quadratic", "without calibration");
+}
+
 #[test]
 fn keys_that_contradict_each_other_are_refused() {
     let folder = tempfile::tempdir().unwrap();
