@@ -115,6 +115,7 @@ fn from_model(
     seed: u64,
     progress: &mut Progress,
 ) -> Result<Played, CliError> {
+    scene.refuse_reactive()?;
     let mesh = progress.stage("mesh", || scene.mesh(None)?.build())?;
     let electrodes = mesh.electrodes().len();
     let protocol = Protocol::from_quadruples(electrodes, wanted, instrument.current_a)

@@ -6,6 +6,7 @@ pub(crate) mod imaging;
 pub(crate) mod mesh_choice;
 pub(crate) mod noise;
 mod part;
+pub(crate) mod reactive;
 pub(crate) mod sequence;
 pub(crate) mod series;
 pub(crate) mod touches;
@@ -31,6 +32,9 @@ pub(crate) const DEFAULT_NOISE_FIGURE: f64 = 1.0;
 
 /// Largest array that is tried, bytes.
 const MOST_BYTES: f64 = 8e9;
+
+/// Bytes of a real number.
+const REAL_BYTES: f64 = 8.0;
 
 /// Mesh and protocol of a scene.
 pub(crate) struct Setup {
@@ -87,6 +91,25 @@ pub(crate) fn setup(
     nodes: Option<usize>,
     progress: &mut Progress,
 ) -> Result<Setup, CliError> {
+    scene.refuse_reactive()?;
+    let (choice, protocol) = skin(scene, (mesh_file, nodes), REAL_BYTES, progress)?;
+    let Choice { mesh, elements, notes, accuracy } = choice;
+    let impedance = scene.contact_impedance(mesh.electrodes().len())?;
+    let model = progress.stage("forward model", || {
+        ForwardModel::with_elements(&mesh, &protocol, &impedance, elements)
+    });
+    let model = model.map_err(|e| CliError::from(e).within(&scene.place))?;
+    Ok(Setup { mesh, protocol, model, notes, accuracy })
+}
+
+/// Mesh and protocol of a scene. Refuses a Jacobian, of values of
+/// `value_bytes`, beyond memory.
+fn skin(
+    scene: &Scene,
+    (mesh_file, nodes): (Option<&std::path::Path>, Option<usize>),
+    value_bytes: f64,
+    progress: &mut Progress,
+) -> Result<(Choice, Protocol), CliError> {
     let wanted = match mesh_file {
         Some(file) => crate::scene::SceneMesh::file(file),
         None => scene.mesh(nodes)?,
@@ -94,7 +117,7 @@ pub(crate) fn setup(
     // what needs no mesh is checked before one is made
     if let Some(electrodes) = wanted.electrodes() {
         scene.protocol(electrodes)?;
-        scene.contact_impedance(electrodes)?;
+        scene.check_contacts(electrodes)?;
     }
     let Choice { mesh, elements, notes, accuracy } =
         mesh_choice::mesh(scene, (&wanted, nodes.is_some()), progress)?;
@@ -106,8 +129,8 @@ pub(crate) fn setup(
         ));
     }
     let protocol = scene.protocol(electrodes)?;
-    let impedance = scene.contact_impedance(electrodes)?;
-    let bytes = 8.0 * protocol.measurements() as f64 * mesh.surface().triangles().len() as f64;
+    let values = protocol.measurements() as f64 * mesh.surface().triangles().len() as f64;
+    let bytes = value_bytes * values;
     if bytes > MOST_BYTES {
         return Err(CliError::input(format!(
             "{} measurements on {} elements make a Jacobian of {:.0} GB: use a coarser [mesh] or \
@@ -117,11 +140,7 @@ pub(crate) fn setup(
             1e-9 * bytes
         )));
     }
-    let model = progress.stage("forward model", || {
-        ForwardModel::with_elements(&mesh, &protocol, &impedance, elements)
-    });
-    let model = model.map_err(|e| CliError::from(e).within(&scene.place))?;
-    Ok(Setup { mesh, protocol, model, notes, accuracy })
+    Ok((Choice { mesh, elements, notes, accuracy }, protocol))
 }
 
 /// Voltages and Jacobian of the homogeneous background.
@@ -147,7 +166,11 @@ const REFUSE_LOSS: f64 = 0.1;
 
 /// Refuses voltages that rounding may have made worthless; warns where it may have cost digits.
 pub(crate) fn certain(report: &SolveReport) -> Result<Option<String>, CliError> {
-    let loss = report.expected_loss;
+    certain_but_for(report.expected_loss)
+}
+
+/// [`certain`] of an expected loss.
+fn certain_but_for(loss: f64) -> Result<Option<String>, CliError> {
     if loss.is_nan() || loss > REFUSE_LOSS {
         return Err(CliError::Failure(format!(
             "no digit of the voltages is certain: conductances on this skin span {:.0} decades \

@@ -12,6 +12,7 @@ pub(crate) mod jacobian;
 pub(crate) mod live;
 pub(crate) mod mesh;
 pub(crate) mod plan;
+mod reactive;
 pub(crate) mod reconstruct;
 pub(crate) mod record;
 pub(crate) mod replay;
@@ -54,11 +55,11 @@ fn solve_json(report: &SolveReport) -> Value {
     })
 }
 
-/// One solve of `eit forward` and `eit jacobian`.
-struct Solved<T> {
+/// One solve of `eit forward` and `eit jacobian`, `R` its report.
+struct Solved<T, R = SolveReport> {
     elements: usize,
     wanted: T,
-    report: SolveReport,
+    report: R,
     warning: Option<String>,
     /// What was mended in the mesh file.
     notes: Vec<String>,
@@ -95,24 +96,30 @@ fn with_warning(text: String, warning: Option<&String>) -> String {
 /// The conductivity to solve for: a file's, checked for length, or the scene's background.
 fn conductivity(scene: &Scene, file: Option<&Path>, elements: usize) -> Result<Vec<f64>, CliError> {
     let Some(path) = file else { return Ok(vec![scene.skin.conductivity_s; elements]) };
-    let recording =
+    let table = per_element(path, elements)?;
+    if table.imaginary.is_some() {
+        let message = "complex values; a conductivity is real, and nothing in the scene stores charge \
+                       (protocol.frequency_hz and a capacitance)";
+        return Err(CliError::input(format!("{}: {message}", path.display())));
+    }
+    Ok(table.real.iter().copied().collect())
+}
+
+/// A file of one value per element, in file order.
+fn per_element(path: &Path, elements: usize) -> Result<eit_hw::Recording, CliError> {
+    let table =
         eit_hw::read_recording(path, None, &eit_hw::ReadOptions::default()).map_err(|e| {
             CliError::input(format!("conductivity, one siemens value per element: {e}"))
         })?;
-    if recording.imaginary.is_some() {
-        let message = "complex values; a conductivity is real";
-        return Err(CliError::input(format!("{}: {message}", path.display())));
-    }
-    let values: Vec<f64> = recording.real.iter().copied().collect();
-    if values.len() != elements {
+    let found = table.real.len();
+    if found != elements {
         return Err(CliError::input(format!(
-            "{}: {} values, but the mesh has {elements} elements: one conductivity each, in file \
+            "{}: {found} values, but the mesh has {elements} elements: one conductivity each, in file \
              order",
             path.display(),
-            values.len()
         )));
     }
-    Ok(values)
+    Ok(table)
 }
 
 /// The ending of a path, lower case.

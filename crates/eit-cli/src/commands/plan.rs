@@ -4,6 +4,7 @@ pub(crate) mod expected;
 pub(super) mod left_out;
 mod method_words;
 mod net;
+mod reactive;
 pub(crate) mod sequence;
 pub(crate) mod stages;
 mod voltage_error;
@@ -32,6 +33,9 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
         return Ok(Answer { text: text.trim_end().to_owned(), json });
     }
     let scene = Scene::load(&args.scene)?;
+    if scene.is_reactive() {
+        return reactive::run(&scene, args);
+    }
     method::choose(&scene, args.method.as_deref(), None)?;
     let mut progress = Progress::default();
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
@@ -90,17 +94,7 @@ fn text(
         format!("method {}: {}", choice.method.name(), choice.why),
         format!("{name}: what is done"),
     ];
-    for s in stages {
-        lines.push(format!(
-            "  {:<22} {:<44} {:>9} flop {:>9} B {:>9} s",
-            s.name,
-            s.size,
-            short(s.flops),
-            short(s.bytes),
-            short(s.time_s)
-        ));
-        lines.push(format!("  {:<22} {}", "", s.why));
-    }
+    lines.extend(stages.iter().flat_map(stage_lines));
     lines.push(format!("times on this machine: {}", machine.words()));
     lines.extend(error.words());
     lines.extend(expected.words());
@@ -111,6 +105,21 @@ fn text(
     lines.push("left out".to_owned());
     lines.extend(left_out.iter().map(|(what, why)| format!("  {what:<22} {why}")));
     lines.join("\n")
+}
+
+/// What is done, and why.
+fn stage_lines(s: &Stage) -> [String; 2] {
+    [
+        format!(
+            "  {:<22} {:<44} {:>9} flop {:>9} B {:>9} s",
+            s.name,
+            s.size,
+            short(s.flops),
+            short(s.bytes),
+            short(s.time_s)
+        ),
+        format!("  {:<22} {}", "", s.why),
+    ]
 }
 
 /// Voltages of the untouched skin on this mesh, and the path of their solve.

@@ -277,7 +277,7 @@ impl Scene {
     }
 
     /// One value for each electrode; zeros where the key is not there.
-    fn each(
+    pub(super) fn each(
         &self,
         key: &str,
         values: Option<&OneOrMany>,
@@ -439,7 +439,7 @@ impl Scene {
         value.ok_or_else(|| self.error(format!("{key} is missing: {why} needs it")))
     }
 
-    fn error(&self, message: String) -> CliError {
+    pub(super) fn error(&self, message: String) -> CliError {
         CliError::input(message).within(&self.place)
     }
 }

@@ -14,6 +14,7 @@ impl Scene {
     pub(super) fn check(&self) -> Result<(), CliError> {
         self.check_numbers()
             .and_then(|()| self.check_tv())
+            .and_then(|()| self.check_reactive())
             .and_then(|()| self.check_company())
             .and_then(|()| self.check_method())
             .and_then(|()| self.required_accuracy().map(|_| ()))
@@ -190,7 +191,22 @@ impl Scene {
         let figure_rule =
             matches!(image.hyperparameter, None | Some(Hyperparameter::Rule(Rule::NoiseFigure)));
         let smooth = matches!(image.prior, None | Some(PriorKind::Laplace | PriorKind::Gaussian));
+        let capacitance =
+            skin.permittivity_f.is_some() || electrodes.contact_capacitance_f_per_m.is_some();
+        let frequency = ("protocol.frequency_hz", protocol.frequency_hz.is_some());
         let needs = [
+            (("skin.permittivity_f", skin.permittivity_f.is_some()), frequency),
+            (
+                (
+                    "electrodes.contact_capacitance_f_per_m",
+                    electrodes.contact_capacitance_f_per_m.is_some(),
+                ),
+                frequency,
+            ),
+            (
+                frequency,
+                ("skin.permittivity_f or electrodes.contact_capacitance_f_per_m", capacitance),
+            ),
             (
                 ("protocol.measurement_file", protocol.measurement_file.is_some()),
                 ("protocol.stimulation_file", stimulation.1),

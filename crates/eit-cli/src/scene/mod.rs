@@ -9,6 +9,7 @@ mod builtin;
 mod check;
 mod instrument;
 mod parse;
+mod reactive;
 mod reconstruction;
 
 pub(crate) use build::{SceneElectrodes, SceneMesh};
@@ -83,6 +84,8 @@ pub(crate) struct Skin {
     /// Metres per unit of the file.
     pub scale_m: Option<f64>,
     pub conductivity_s: f64,
+    /// Capacitance of the sheet, farad per square.
+    pub permittivity_f: Option<f64>,
 }
 
 /// `skin.shape`
@@ -109,6 +112,8 @@ pub(crate) struct Electrodes {
     #[serde(default)]
     pub direction: Direction,
     pub contact_impedance_ohm_m: Option<OneOrMany>,
+    /// Beside the contact impedance; of a patch farad per square metre.
+    pub contact_capacitance_f_per_m: Option<OneOrMany>,
     pub positions_m: Option<Vec<Position>>,
 }
 
@@ -180,6 +185,8 @@ pub(crate) struct ProtocolKeys {
     #[serde(default)]
     pub order: Order,
     pub current_a: Option<f64>,
+    /// Of the drive current; only capacitances ask for it.
+    pub frequency_hz: Option<f64>,
     /// Set to false to reconstruct although the order of the data looks wrong.
     pub check_order: Option<bool>,
 }
