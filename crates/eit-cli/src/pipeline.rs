@@ -2,8 +2,10 @@
 //!
 //! Each stage is built only where a command needs it.
 
+mod expected;
 pub(crate) mod imaging;
 pub(crate) mod mesh_choice;
+pub(crate) mod movement;
 pub(crate) mod noise;
 mod part;
 pub(crate) mod reactive;
@@ -78,6 +80,8 @@ pub(crate) struct Linearised {
     pub voltages: Array1<f64>,
     /// [measurement, element], volt per siemens.
     pub jacobian: Array2<f64>,
+    /// Where electrodes move: [measurement, displacement], volt per metre.
+    pub movement: Option<Array2<f64>>,
     /// How the solve went.
     pub report: SolveReport,
     /// What rounding may have cost, where that is worth saying.
@@ -143,21 +147,26 @@ fn skin(
     Ok((Choice { mesh, elements, notes, accuracy }, protocol))
 }
 
-/// Voltages and Jacobian of the homogeneous background.
+/// Voltages and Jacobian of the homogeneous background, and what movement of electrodes does to them
+/// where the scene lets them move.
 pub(crate) fn linearise(
     scene: &Scene,
     setup: &Setup,
     progress: &mut Progress,
 ) -> Result<Linearised, CliError> {
     let background = vec![scene.skin.conductivity_s; setup.model.elements()];
-    progress.stage("forward and Jacobian", || {
+    let mut linearised = progress.stage("forward and Jacobian", || {
         let mut workspace = setup.model.workspace()?;
         let mut solution = setup.solve(&background, &mut workspace)?;
         let report = solution.report();
         let warning = certain(&report)?;
         let (voltages, jacobian) = (solution.measurements(), solution.jacobian());
-        Ok(Linearised { voltages, jacobian, report, warning })
-    })
+        Ok::<_, CliError>(Linearised { voltages, jacobian, movement: None, report, warning })
+    })?;
+    if scene.reconstruction.electrode_movement_m.is_some() {
+        linearised.movement = Some(movement::jacobian(&background, setup, progress)?);
+    }
+    Ok(linearised)
 }
 
 /// Losses worth a warning, and losses that leave nothing to report.

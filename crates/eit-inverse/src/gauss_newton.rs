@@ -161,6 +161,21 @@ impl Difference {
         Ok(())
     }
 
+    /// Sets lambda so that the prior is that of another reconstruction by it: `lambda^2 s` is the same
+    /// in units of the noise, and with it the variance that an image is expected to have.
+    ///
+    /// For other data of the same skin, such as those that [`SideUnknowns`](crate::SideUnknowns) leave.
+    /// Their scale `s` is another, and their noise figure is no measure: they have lost signal, so that
+    /// an image as noisy as they are is noisier than one of the data as they came.
+    ///
+    /// # Errors
+    /// As [`set_hyperparameter`](Self::set_hyperparameter).
+    pub fn set_prior_of(&mut self, other: &Self) -> Result<(), InverseError> {
+        let unit = |report: &Report| report.scale / report.noise_scale.unwrap_or(1.0).powi(2);
+        let ratio = unit(&other.report) / unit(&self.report);
+        self.set_hyperparameter(other.report.hyperparameter * ratio.sqrt())
+    }
+
     /// Chooses lambda by a rule and sets it.
     ///
     /// # Errors

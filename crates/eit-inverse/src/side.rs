@@ -2,7 +2,8 @@
 
 use crate::InverseError;
 use crate::data::{check_length, check_positive};
-use faer::Mat;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatMut, Par};
 use ndarray::{Array2, ArrayRef2};
 
 /// Unknowns beside the image, Gaussian and linear, such as the displacement of each electrode:
@@ -107,22 +108,29 @@ impl SideUnknowns {
         (0..self.strengths.len()).map(part).collect()
     }
 
-    /// `T dv` in place: white noise of standard deviation 1; zero where not used.
+    /// `T dv` in place: white noise of standard deviation 1; zero where not used. Allocates nothing.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`].
     pub fn whiten(&self, difference: &mut [f64]) -> Result<(), InverseError> {
         check_length("difference", difference.len(), self.weights.len())?;
-        let parts = self.parts(difference);
         for (value, weight) in difference.iter_mut().zip(&self.weights) {
+            // what is not used may be NaN
             *value = if *weight > 0.0 { weight * *value } else { 0.0 };
         }
-        for (k, (part, s)) in parts.iter().zip(&self.strengths).enumerate() {
-            let taken = part * (1.0 - (1.0 + s * s).sqrt().recip());
-            let column = self.directions.col(k).iter();
-            difference.iter_mut().zip(column).for_each(|(value, u)| *value -= taken * u);
+        // directions are orthogonal: what one takes is no part of the next
+        for (k, taken) in self.taken().enumerate() {
+            let direction = self.directions.col(k);
+            let part: f64 = direction.iter().zip(&*difference).map(|(u, value)| u * value).sum();
+            let values = difference.iter_mut().zip(direction.iter());
+            values.for_each(|(value, u)| *value -= taken * part * u);
         }
         Ok(())
+    }
+
+    /// `1 - (1 + s^2)^-1/2`.
+    fn taken(&self) -> impl Iterator<Item = f64> {
+        self.strengths.iter().map(|s| 1.0 - (1.0 + s * s).sqrt().recip())
     }
 
     /// `T J` of a Jacobian `[measurement, element]`.
@@ -130,15 +138,27 @@ impl SideUnknowns {
     /// # Errors
     /// [`InverseError::WrongLength`].
     pub fn whiten_jacobian(&self, jacobian: &ArrayRef2<f64>) -> Result<Array2<f64>, InverseError> {
-        check_length("rows of the Jacobian", jacobian.nrows(), self.weights.len())?;
-        let mut whitened = jacobian.to_owned();
-        let mut column = vec![0.0; self.weights.len()];
-        for mut values in whitened.columns_mut() {
-            column.iter_mut().zip(&values).for_each(|(c, v)| *c = *v);
-            self.whiten(&mut column)?;
-            values.iter_mut().zip(&column).for_each(|(v, c)| *v = *c);
+        let (rows, columns) = jacobian.dim();
+        check_length("rows of the Jacobian", rows, self.weights.len())?;
+        let mut values = Vec::with_capacity(rows * columns);
+        for (row, weight) in jacobian.rows().into_iter().zip(&self.weights) {
+            // what is not used may be NaN
+            values.extend(row.iter().map(|j| if *weight > 0.0 { weight * j } else { 0.0 }));
         }
-        Ok(whitened)
+        let mut whitened = MatMut::from_row_major_slice_mut(&mut values, rows, columns);
+        let mut parts = self.directions.transpose() * whitened.as_ref();
+        for (k, taken) in self.taken().enumerate() {
+            parts.row_mut(k).iter_mut().for_each(|part| *part *= taken);
+        }
+        let (u, target) = (self.directions.as_ref(), whitened.as_mut());
+        matmul(target, Accum::Add, u, parts.as_ref(), -1.0, Par::Seq);
+        let (found, wanted) = (values.len(), rows * columns);
+        let what = "values of the Jacobian";
+        Array2::from_shape_vec((rows, columns), values).map_err(|_| InverseError::WrongLength {
+            what,
+            found,
+            wanted,
+        })
     }
 
     /// The most probable unknowns `C K' (N + K C K')^-1 r` for what an image leaves of the

@@ -3,8 +3,8 @@
 
 mod common;
 
-use common::Random;
-use eit_inverse::{InverseError, SideUnknowns};
+use common::{Random, disc};
+use eit_inverse::{Difference, DifferenceSettings, InverseError, SideUnknowns, Tikhonov};
 use ndarray::{Array2, Axis, aview1, concatenate};
 
 /// Small dense problem: measurements, image, side unknowns.
@@ -105,4 +105,46 @@ fn unused_measurements_are_not_looked_at() {
     assert!(error.to_string().contains("std of the unknowns: 4 values, but 5"), "{error}");
     let none = SideUnknowns::new(&p.side, &p.std, &p.noise, Some(&[false; 30])).unwrap_err();
     assert!(matches!(none, InverseError::NothingUsed { measurements: 30 }));
+}
+
+/// Taken out or not, unknowns that hardly vary leave the image as it was, at the prior of the data as
+/// they came; those that vary leave less of it, and at the same lambda the prior would be another one.
+#[test]
+fn the_prior_is_taken_over() {
+    let surface = disc(0.1, 2);
+    let mut random = Random(5);
+    let (jacobian, side) = (random.matrix(30, surface.triangles().len()), random.matrix(30, 5));
+    let noise: Vec<f64> = (0..30).map(|_| 0.2 * random.uniform() + 0.02).collect();
+    let frame: Vec<f64> = (0..30).map(|_| random.normal()).collect();
+    let reference = [0.0; 30];
+    let settings = DifferenceSettings {
+        hyperparameter: 0.4,
+        noise_std: Some(noise.clone()),
+        ..Default::default()
+    };
+    let prior = Tikhonov::new(&surface);
+    let before = Difference::new(&jacobian, &prior, settings).unwrap();
+    let image = before.reconstruct(&frame, &reference).unwrap();
+    let left = |std: f64, takes_over: bool| {
+        let side = SideUnknowns::new(&side, &[std; 5], &noise, None).unwrap();
+        let jacobian = side.whiten_jacobian(&jacobian).unwrap();
+        let mut white = frame.clone();
+        side.whiten(&mut white).unwrap();
+        let settings = DifferenceSettings { hyperparameter: 0.4, ..Default::default() };
+        let mut after = Difference::new(&jacobian, &prior, settings).unwrap();
+        if takes_over {
+            after.set_prior_of(&before).unwrap();
+        }
+        after.reconstruct(&white, &reference).unwrap()
+    };
+    let off = |other: &ndarray::Array1<f64>| {
+        let square = |x: &ndarray::Array1<f64>| x.iter().map(|v| v * v).sum::<f64>();
+        (square(&(other - &image)) / square(&image)).sqrt()
+    };
+    // what is left of a deviation of 1e-9 of the noise is its square; rounding
+    assert!(off(&left(1e-9, true)) < 1e-10);
+    let [taken_over, same_lambda] = [true, false].map(|takes_over| off(&left(10.0, takes_over)));
+    // 5 of 30 directions are gone, a sixth of the image's energy
+    assert!((0.1..0.8).contains(&taken_over), "{taken_over}");
+    assert!((taken_over - same_lambda).abs() > 1e-3, "{taken_over} {same_lambda}");
 }

@@ -54,6 +54,8 @@ pub(crate) enum TouchPart {
     Position,
     /// The same when electrodes move.
     Movement,
+    /// What taking the movement of electrodes out of the data does to images and touches.
+    Electrodes,
     /// Two-point discrimination.
     Pairs,
     /// Fingers followed over time.

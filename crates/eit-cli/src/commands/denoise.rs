@@ -15,6 +15,7 @@ use serde_json::json;
 /// Reads images and weights, checks both against the scene, denoises, draws, reports.
 pub(crate) fn run(args: &DenoiseArgs) -> Result<Answer, CliError> {
     let mut scene = Scene::load(&args.scene)?;
+    scene.refuse_movement("denoise")?;
     let of_scene = scene.denoise.as_ref().map(|keys| match keys.weights.as_str() {
         "default" => "default".to_owned(),
         file => scene.resolve(file.as_ref()).display().to_string(),

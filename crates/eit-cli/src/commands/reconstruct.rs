@@ -16,6 +16,7 @@ use crate::measured;
 use crate::method::{self, Method};
 use crate::output::{OutFolder, io, write_npy};
 use crate::picture::{Canvas, FrameLabels, PictureSettings, SkinDrawing, draw_sheet, write_gif};
+use crate::pipeline::movement::{self, Freed};
 use crate::pipeline::{self, Linearised, Setup};
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Reference, Scene};
@@ -51,6 +52,8 @@ struct Task<'a> {
     linearised: &'a Linearised,
     frames: &'a Frames,
     fit: ModelFit,
+    /// Where electrodes moved: the recording as it came, and what was made of it.
+    before: Option<(&'a Task<'a>, &'a Freed)>,
 }
 
 /// Reads frames, reconstructs, draws, reports.
@@ -76,11 +79,9 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let fit = frames.fit_model(&model_voltages, kind, scene.skin.conductivity_s)?;
     let method = choice.method;
     let (linearised, setup) = (&linearised, &setup);
-    let task = Task { scene: &scene, method, setup, linearised, frames: &frames, fit };
-    let mut made = match method {
-        Method::StTv | Method::Tv => total_variation::make(&task, &mut progress)?,
-        _ => gauss_newton::make(&task, &mut progress)?,
-    };
+    let task =
+        Task { scene: &scene, method, setup, linearised, frames: &frames, fit, before: None };
+    let mut made = make(&task, &mut progress)?;
     let gain = task.fit.gain;
     if let Some(net) = &net {
         out.write("raw.npy", |w| write_npy(&made.images, w))?;
@@ -129,6 +130,37 @@ pub(crate) fn run(args: &ReconstructArgs) -> Result<Answer, CliError> {
     let text = format!("{line}\n{}", text(&task, &made, (choice.why, &notes), &out));
     out.commit(&["movie.gif", "hyperparameter.png", "touches.csv", "raw.npy"])?;
     Ok(Answer { text, json })
+}
+
+/// Images by the task's method, of data without what moving electrodes explain where the scene says
+/// that they move.
+fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, CliError> {
+    let of_method = |task: &Task<'_>, progress: &mut Progress| match task.method {
+        Method::StTv | Method::Tv => total_variation::make(task, progress),
+        _ => gauss_newton::make(task, progress),
+    };
+    let Task { scene, method, .. } = *task;
+    let models = (task.setup, task.linearised);
+    let given = (task.frames, task.fit.gain);
+    let Some(freed) = movement::free(scene, method, models, given, progress)? else {
+        return of_method(task, progress);
+    };
+    let Freed { scene, linearised, frames, .. } = &freed;
+    let left = Task { scene, linearised, frames, before: Some((task, &freed)), ..*task };
+    let mut made = of_method(&left, progress)?;
+    made.footnote += ", movement of electrodes taken out";
+    made.lines.push(freed.line.clone());
+    made.notes.extend(freed.note.clone());
+    made.report["electrode_movement_m"] = json!(task.scene.reconstruction.electrode_movement_m);
+    Ok(made)
+}
+
+impl Task<'_> {
+    /// Plain or normalised, of the recording as it came.
+    fn kind(&self) -> DifferenceKind {
+        let scene = self.before.map_or(self.scene, |(task, _)| task.scene);
+        scene.difference_kind(&self.setup.protocol)
+    }
 }
 
 /// Title, footnote, labels.

@@ -33,6 +33,7 @@ const HELD_OUT: usize = 6;
 /// Makes the base where it is not complete, trains or goes on, writes weights and curve.
 pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
+    scene.refuse_movement("train")?;
     super::check_ending(&args.out, &["safetensors"])?;
     let settings = settings(args)?;
     if !args.recording.is_empty() && args.fingers.is_some() {

@@ -4,7 +4,7 @@ use crate::error::CliError;
 use crate::frames::{self, Frames};
 use crate::method::{self, Method};
 use crate::output::{io, write_npy};
-use crate::pipeline::{self, Linearised, Setup};
+use crate::pipeline::{self, Linearised, Setup, movement};
 use crate::progress::Progress;
 use crate::scene::{Noise, Pair, Recording, Reference, Scene};
 use eit_mesh::Raster;
@@ -46,7 +46,7 @@ impl Chain {
                     reference: Some(Reference::Text(format!("0..{quiet}"))),
                     ..Default::default()
                 },
-                noise: Noise { quiet_frames: Some(Pair([0, quiet - 1])), additive_v: None },
+                noise: Noise { quiet_frames: Some(Pair([0, quiet - 1])), ..Default::default() },
                 ..scene.clone()
             },
         };
@@ -81,12 +81,21 @@ impl Chain {
         let voltages = linearised.voltages.to_vec();
         let gain = frames.fit_model(&voltages, kind, scene.skin.conductivity_s)?.gain;
         let mut silent = Progress::silent();
+        let (models, given) = ((setup, linearised), (&frames, gain));
+        let freed = movement::free(scene, self.method, models, given, &mut silent)?;
+        let (scene, linearised, left) = match &freed {
+            None => (scene, linearised, &frames),
+            Some(freed) => (&freed.scene, &freed.linearised, &freed.frames),
+        };
         let images = if self.method == Method::GaussNewton {
-            let imaging = pipeline::imaging(scene, setup, linearised, &frames, &mut silent)?;
-            imaging.images(&frames, &mut silent)?.into_parts().0
+            let of_left = freed.as_ref().map(|freed| freed.imaging(setup, &mut silent));
+            let imaging = match of_left.transpose()?.flatten() {
+                Some(imaging) => imaging,
+                None => pipeline::imaging(scene, setup, linearised, left, &mut silent)?,
+            };
+            imaging.images(left, &mut silent)?.into_parts().0
         } else {
-            let parts = (setup, linearised, &self.raster);
-            let movie = (&frames, gain);
+            let (parts, movie) = ((setup, linearised, &self.raster), (left, gain));
             let made = pipeline::tv::reconstruct(scene, self.method, parts, movie, &mut silent)?;
             self.raster.images_from_pixels(made.pixels.view())?
         };

@@ -80,7 +80,8 @@ pub(crate) fn settings(
     Ok(DifferenceSettings { data, noise_std, used: Some(used.to_vec()), ..Default::default() })
 }
 
-fn choose(
+/// Chooses the hyperparameter by the scene's rule; the rule in words.
+pub(super) fn choose(
     scene: &Scene,
     setup: &Setup,
     linearised: &Linearised,

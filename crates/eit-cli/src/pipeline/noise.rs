@@ -44,11 +44,23 @@ impl DataNoise {
         Self { std: vec![std; values.ncols()], reference_frames: 1, source, model_error }
     }
 
+    /// Root mean square of the good values in units of the noise.
+    pub fn of_signal(&self, values: &Array2<f64>, good: &Array2<bool>) -> f64 {
+        root_mean_square(values, good, |i| self.std[i])
+    }
+
     /// Raises the noise by the model's error: independent, and spread as the noise is.
     pub fn with_model_error(self, values: &Array2<f64>, good: &Array2<bool>) -> Self {
-        let signal_to_noise = root_mean_square(values, good, |i| self.std[i]);
-        let factor = (MODEL_ERROR * signal_to_noise).hypot(1.0);
+        let factor = (MODEL_ERROR * self.of_signal(values, good)).hypot(1.0);
         Self { model_error: factor, ..self.times(factor) }
+    }
+
+    /// As large in all measurements that are used, with the same root mean square.
+    pub fn alike(mut self, used: &[bool]) -> Self {
+        let of_used = || self.std.iter().zip(used).filter(|(_, used)| **used).map(|(std, _)| std);
+        let mean = of_used().map(|std| std * std).sum::<f64>() / of_used().count().max(1) as f64;
+        self.std.fill(mean.sqrt());
+        self
     }
 
     /// The noise of the mean of some frames' differences: the reference's share stays.
@@ -94,6 +106,14 @@ pub(crate) fn known(
     frames: &Frames,
     (data, gain): (&DifferenceData, f64),
 ) -> Result<Option<DataNoise>, CliError> {
+    if scene.noise.white {
+        return Ok(Some(DataNoise {
+            std: vec![1.0; frames.used.len()],
+            reference_frames: frames.reference_frames.max(1),
+            source: "that of the frames, with the movement of electrodes".to_owned(),
+            model_error: 1.0,
+        }));
+    }
     if let Some(additive_v) = scene.noise.additive_v {
         let mut std = data.noise_std(&vec![additive_v; frames.used.len()])?;
         if matches!(data, DifferenceData::Normalised { .. }) {

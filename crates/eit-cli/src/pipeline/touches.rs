@@ -2,6 +2,7 @@
 //! reference that follows drift.
 
 use super::imaging::{prior, settings};
+use super::movement::{self, TakenOut};
 use super::noise::{self, DataNoise};
 use super::{Imaging, Linearised, Setup, check_images, difference_data, raster};
 use crate::error::CliError;
@@ -11,8 +12,8 @@ use crate::scene::{DifferenceKind, Scene, TouchSign};
 use eit_inverse::metrics::{Cells, ChangeSign};
 use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
-    AdaptiveReference, Difference, HyperparameterChoice, NoiseTarget, Reconstructor,
-    ReferenceSettings, Workspace,
+    AdaptiveReference, Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget,
+    Reconstructor, ReferenceSettings, SideUnknowns, Workspace,
 };
 use eit_mesh::Raster;
 use ndarray::{ArrayView3, Axis};
@@ -117,6 +118,7 @@ pub(crate) struct TouchFinder {
     used: Vec<bool>,
     reconstructor: Reconstructor,
     workspace: Workspace,
+    whitening: Option<Whitening>,
     stream: TouchStream,
     drift: Drift,
     pixels: Vec<f64>,
@@ -138,15 +140,18 @@ impl TouchFinder {
         let kind = scene.difference_kind(&setup.protocol);
         let data = difference_data(kind, linearised);
         let Some(noise) = noise::known(scene, frames, (&data, gain))? else { return Ok(None) };
-        let imaging = detector(scene, (setup, linearised), (frames, &noise), progress)?;
+        let models = (setup, linearised);
+        let (imaging, side) = detector(scene, models, (frames, &noise), progress)?;
         let settings = stream_settings(scene, rate_hz);
         let reconstructor = imaging.difference.on_raster(imaging.raster.pixel_from_element())?;
-        let floor = NoiseFloor::of_reconstruction(&reconstructor, &noise.std)?;
+        let std = if side.is_some() { vec![1.0; noise.std.len()] } else { noise.std.clone() };
+        let floor = NoiseFloor::of_reconstruction(&reconstructor, &std)?;
         let cells = Cells::of_raster_on(&imaging.raster, setup.mesh.surface())?;
         let false_alarms_per_hour = settings.false_alarms_per_hour;
         Ok(Some(Self {
             noise_source: noise.source.clone(),
             used: frames.used.clone(),
+            whitening: side.map(|side| Whitening::new(side, kind, &frames.used)),
             workspace: reconstructor.workspace(),
             stream: TouchStream::new(cells, floor, settings)?,
             drift: Drift::new(scene, kind, frames, &noise)?,
@@ -172,13 +177,20 @@ impl TouchFinder {
             self.drift.follow(values, time_s, self.touched)?;
         }
         let (memory, reference) = (&mut self.workspace, &self.drift.reference);
-        self.reconstructor.reconstruct_without_into(
-            values,
-            reference,
-            &self.bad,
-            memory,
-            &mut self.pixels,
-        )?;
+        let pixels = &mut self.pixels;
+        match &mut self.whitening {
+            None => {
+                let bad = &self.bad;
+                self.reconstructor
+                    .reconstruct_without_into(values, reference, bad, memory, pixels)?;
+            }
+            Some(whitening) if self.bad.is_empty() => {
+                let white = whitening.of(values, reference)?;
+                self.reconstructor.reconstruct_difference_into(white, memory, pixels)?;
+            }
+            // measurements are mixed: a frame without some of them shows nothing
+            Some(_) => pixels.fill(0.0),
+        }
         Ok(())
     }
 
@@ -208,6 +220,38 @@ impl TouchFinder {
     /// The one-step image of the last frame, a value for each pixel of the skin.
     pub fn pixels(&self) -> &[f64] {
         &self.pixels
+    }
+}
+
+/// Takes the movement of electrodes out of a frame.
+struct Whitening {
+    side: SideUnknowns,
+    kind: DifferenceKind,
+    used: Vec<usize>,
+    /// `[measurement]`; zero where not used.
+    differences: Vec<f64>,
+    /// `[used measurement]`.
+    white: Vec<f64>,
+}
+
+impl Whitening {
+    fn new(side: SideUnknowns, kind: DifferenceKind, used: &[bool]) -> Self {
+        let differences = vec![0.0; used.len()];
+        let used: Vec<usize> = (0..used.len()).filter(|&i| used[i]).collect();
+        Self { side, kind, white: vec![0.0; used.len()], used, differences }
+    }
+
+    /// What is left of a frame, `[used measurement]`.
+    fn of(&mut self, values: &[f64], reference: &[f64]) -> Result<&[f64], CliError> {
+        for &i in &self.used {
+            self.differences[i] = match self.kind {
+                DifferenceKind::Plain => values[i] - reference[i],
+                DifferenceKind::Normalised => (values[i] - reference[i]) / reference[i],
+            };
+        }
+        self.side.whiten(&mut self.differences)?;
+        self.white.iter_mut().zip(&self.used).for_each(|(white, &i)| *white = self.differences[i]);
+        Ok(&self.white)
     }
 }
 
@@ -269,26 +313,37 @@ fn reference_settings(scene: &Scene) -> Option<ReferenceSettings> {
 }
 
 /// One-step reconstruction weighted by the noise, at noise figure 1: an image as noisy as its data.
+/// Where electrodes move, that is taken out first, and the prior stays.
 fn detector(
     scene: &Scene,
     (setup, linearised): (&Setup, &Linearised),
     (frames, noise): (&Frames, &DataNoise),
     progress: &mut Progress,
-) -> Result<Imaging, CliError> {
+) -> Result<(Imaging, Option<SideUnknowns>), CliError> {
     let kind = scene.difference_kind(&setup.protocol);
     let mut settings = settings(scene, setup, linearised, &frames.used)?;
     settings.noise_std = Some(noise.std.clone());
     let prior = prior(scene, setup)?;
-    let (difference, chosen) = progress.stage("detector of touches", || {
+    let (difference, chosen, side) = progress.stage("detector of touches", || {
         let mut difference = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
         let target = NoiseTarget::central(setup.mesh.surface(), &linearised.jacobian)?;
         let figure = super::DEFAULT_NOISE_FIGURE;
         let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
         let chosen = difference.choose_hyperparameter(&choice)?;
-        Ok::<_, CliError>((difference, chosen))
+        let (models, of_noise) = ((setup, linearised), (noise, &frames.used[..]));
+        let taken = movement::take_out(scene, models, of_noise, Some(&difference))?;
+        let Some(TakenOut { side, linearised, .. }) = taken else {
+            return Ok((difference, chosen, None));
+        };
+        let used = Some(frames.used.clone());
+        let settings = DifferenceSettings { used, ..Default::default() };
+        let mut left = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
+        left.set_prior_of(&difference)?;
+        Ok::<_, CliError>((left, chosen, Some(side)))
     })?;
     let raster = raster(scene, setup, progress)?;
-    Ok(Imaging { difference, chosen, rule: "noise figure 1".to_owned(), raster, kind })
+    let rule = "noise figure 1".to_owned();
+    Ok((Imaging { difference, chosen, rule, raster, kind }, side))
 }
 
 fn stream_settings(scene: &Scene, frame_rate_hz: f64) -> TouchStreamSettings {

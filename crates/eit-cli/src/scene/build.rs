@@ -94,12 +94,14 @@ impl SceneMesh {
 }
 
 impl Scene {
-    /// The kind of finite elements that the scene names.
+    /// The kind of finite elements that the scene names, or asks for: derivatives along movement of
+    /// electrodes are those of linear ones.
     pub fn elements(&self) -> Option<Elements> {
-        Some(match self.mesh.elements? {
-            ElementKeys::Linear => Elements::Linear,
-            ElementKeys::Quadratic => Elements::Quadratic,
-        })
+        match self.mesh.elements {
+            Some(ElementKeys::Linear) => Some(Elements::Linear),
+            Some(ElementKeys::Quadratic) => Some(Elements::Quadratic),
+            None => self.reconstruction.electrode_movement_m.map(|_| Elements::Linear),
+        }
     }
 
     /// The accuracy that the mesh is chosen for, if the scene requires one.

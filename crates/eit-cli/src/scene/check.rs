@@ -2,7 +2,7 @@
 //!
 //! Shapes, electrodes and protocols are checked by the crates that build them.
 
-use super::{AccuracyKeys, Delta, Hyperparameter, PriorKind, Rule, Scene, Shape};
+use super::{AccuracyKeys, Delta, ElementKeys, Hyperparameter, PriorKind, Rule, Scene, Shape};
 use crate::error::CliError;
 use crate::method::Method;
 
@@ -18,7 +18,41 @@ impl Scene {
             .and_then(|()| self.check_company())
             .and_then(|()| self.check_method())
             .and_then(|()| self.required_accuracy().map(|_| ()))
+            .and_then(|()| self.check_movement())
             .map_err(|e| e.within(&self.place))
+    }
+
+    /// Electrodes that move, and what cannot be together with them.
+    fn check_movement(&self) -> Result<(), CliError> {
+        if self.reconstruction.electrode_movement_m.is_none() {
+            return Ok(());
+        }
+        let absolute = Method::GaussNewtonAbsolute.name();
+        let why = if self.denoise.is_some() {
+            "[denoise] exclude each other: nets have learnt from images in which electrodes moved, and \
+             measured on others they gain nothing; keep one"
+        } else if self.reconstruction.method.as_deref() == Some(absolute) {
+            "method = \"gauss-newton-absolute\" exclude each other: movement is taken out of \
+             differences, before a linear method; keep one"
+        } else if self.mesh.elements == Some(ElementKeys::Quadratic) {
+            "[mesh] elements = \"quadratic\" exclude each other: derivatives along displacements are \
+             those of linear elements; keep one"
+        } else {
+            return Ok(());
+        };
+        Err(CliError::input(format!("reconstruction.electrode_movement_m and {why}")))
+    }
+
+    /// Refuses electrodes that move where nets learn or clean images.
+    pub fn refuse_movement(&self, command: &str) -> Result<(), CliError> {
+        if self.reconstruction.electrode_movement_m.is_none() {
+            return Ok(());
+        }
+        let message = format!(
+            "`eit {command}` does not know reconstruction.electrode_movement_m (nets learn to take \
+             movement out of images, not from images without it): take it out of the scene"
+        );
+        Err(CliError::input(message).within(&self.place))
     }
 
     fn check_numbers(&self) -> Result<(), CliError> {
@@ -38,6 +72,7 @@ impl Scene {
             ("reconstruction.target_gap", image.target_gap),
             ("reconstruction.deadline_s", image.deadline_s),
             ("reconstruction.frame_time_s", image.frame_time_s),
+            ("reconstruction.electrode_movement_m", image.electrode_movement_m),
             ("recording.frame_rate_hz", self.recording.frame_rate_hz),
             ("protocol.current_a", self.protocol.current_a),
         ];

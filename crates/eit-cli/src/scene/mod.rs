@@ -314,6 +314,9 @@ pub(crate) struct Noise {
     pub additive_v: Option<f64>,
     /// First and last frame of a part of the recording during which nothing touched the skin.
     pub quiet_frames: Option<Pair<usize>>,
+    /// Differences are white already, of standard deviation 1: electrodes that move were taken out.
+    #[serde(skip)]
+    pub white: bool,
 }
 
 /// `[touch]`

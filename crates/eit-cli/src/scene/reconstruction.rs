@@ -21,6 +21,9 @@ pub(crate) struct Reconstruction {
     /// Use measurements on electrodes that carry current too; they hold contact impedances.
     #[serde(default)]
     pub use_driven_electrodes: bool,
+    /// How far electrodes move with the fabric, standard deviation along the rim and across it,
+    /// metres: unknowns beside the image.
+    pub electrode_movement_m: Option<f64>,
     /// Weights of total variation.
     pub lambda_space: Option<f64>,
     pub lambda_time: Option<f64>,

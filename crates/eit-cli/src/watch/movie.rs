@@ -5,21 +5,27 @@ use crate::error::CliError;
 use crate::frames::Frames;
 use crate::method::Method;
 use crate::pipeline::tv;
-use crate::pipeline::{Linearised, Setup};
+use crate::pipeline::{Linearised, Setup, movement};
+use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Scene};
-use eit_inverse::{InverseError, StTvStream};
+use eit_inverse::{InverseError, SideUnknowns, StTvStream};
 use eit_mesh::Raster;
 
 /// What makes the images of an epoch; nothing in it depends on a clock.
 pub(crate) struct Movie {
     kind: DifferenceKind,
     words: String,
+    /// Takes the movement of electrodes out of differences for the window.
+    side: Option<SideUnknowns>,
+    /// Electrodes move: only frames that are good in every used measurement have an image.
+    is_whole: bool,
     window: Option<StTvStream>,
     net: Option<LiveNet>,
     raster: Raster,
     /// Differences of the frame at hand; NaN where a value is not used.
     differences: Vec<f64>,
     good: Vec<bool>,
+    used: Vec<bool>,
     raw: Vec<f64>,
     made: Vec<f64>,
     state: State,
@@ -37,6 +43,8 @@ pub(crate) struct State {
     pub is_aside: bool,
     /// The frame could not be explained within `delta`, and its neighbours stand for it.
     pub is_interpolated: bool,
+    /// The frame has bad values, and electrodes that move leave no image without them.
+    pub is_lost: bool,
 }
 
 impl Movie {
@@ -47,10 +55,20 @@ impl Movie {
         given: (&Frames, f64),
     ) -> Result<Self, CliError> {
         let models = (setup, linearised, raster);
-        let window = match method.is_tv() {
-            true => Some(tv::stream(scene, method, models, given)?),
+        let mut silent = Progress::silent();
+        let freed = match method.is_tv() {
+            true => movement::free(scene, method, (setup, linearised), given, &mut silent)?,
             false => None,
         };
+        let window = match (method.is_tv(), &freed) {
+            (false, _) => None,
+            (true, None) => Some(tv::stream(scene, method, models, given)?),
+            (true, Some(freed)) => {
+                let models = (setup, &freed.linearised, raster);
+                Some(tv::stream(&freed.scene, method, models, (&freed.frames, given.1))?)
+            }
+        };
+        let is_whole = scene.reconstruction.electrode_movement_m.is_some();
         let mut words = match (method, &window) {
             (Method::StTv, Some(tv)) => {
                 format!("st-tv over the last {} frames, {}", tv::WINDOW, tv.words())
@@ -58,6 +76,9 @@ impl Movie {
             (_, Some(tv)) => format!("total variation of each frame, {}", tv.words()),
             (_, None) => "one-step Gauss-Newton, noise figure 1".to_owned(),
         };
+        if let Some(movement_m) = scene.reconstruction.electrode_movement_m {
+            words += &format!(", {}", movement::words(movement_m));
+        }
         if net.is_some() {
             words += ", U-net";
         }
@@ -66,11 +87,14 @@ impl Movie {
         Ok(Self {
             kind: scene.difference_kind(&setup.protocol),
             words,
+            side: freed.map(|freed| freed.side),
+            is_whole,
             window: window.map(|tv| tv.stream),
             net,
             raster: raster.clone(),
             differences: vec![0.0; given.0.used.len()],
             good: given.0.used.clone(),
+            used: given.0.used.clone(),
             raw: vec![0.0; pixels],
             made: vec![0.0; pixels],
             state: State::default(),
@@ -93,7 +117,17 @@ impl Movie {
             };
         }
         self.state = State::default();
+        let mut of_used = self.used.iter().zip(&self.good);
+        self.state.is_lost = self.is_whole && of_used.any(|(used, good)| *used && !*good);
+        if let Some(side) = &self.side {
+            side.whiten(&mut self.differences)?;
+        }
         match &mut self.window {
+            Some(window) if self.state.is_lost => {
+                if let Some(image) = window.push_dropped().image {
+                    self.raw.copy_from_slice(image);
+                }
+            }
             None => self.raw.copy_from_slice(one_step),
             Some(window) => {
                 let step = match window.push(&self.differences, Some(&self.good)) {

@@ -26,6 +26,8 @@ pub(crate) struct Summary {
     pub aside: u64,
     /// Frames that no image explains within `delta`.
     pub interpolated: u64,
+    /// Frames with bad values, which electrodes that move leave without an image.
+    pub lost: u64,
     /// Largest proven gap of a window that was solved.
     pub worst_gap: Option<f64>,
     /// The last latencies, seconds, in no order.
@@ -63,6 +65,12 @@ impl Summary {
             words +=
                 &format!("; {} frames fit no image within delta: passed over", self.interpolated);
         }
+        if self.lost > 0 {
+            words += &format!(
+                "; {} frames have bad values and no image: electrode_movement_m mixes measurements",
+                self.lost
+            );
+        }
         words
     }
 
@@ -73,6 +81,7 @@ impl Summary {
             "worst_gap": self.worst_gap,
             "put_aside": self.aside,
             "beyond_delta": self.interpolated,
+            "lost": self.lost,
         })
     }
 
@@ -83,6 +92,7 @@ impl Summary {
         self.most_at_once = self.most_at_once.max(touches.len() - of(TouchState::End));
         self.aside += u64::from(state.is_aside);
         self.interpolated += u64::from(state.is_interpolated);
+        self.lost += u64::from(state.is_lost);
         if let Some(gap) = state.gap {
             self.worst_gap = Some(self.worst_gap.map_or(gap, |worst| worst.max(gap)));
         }

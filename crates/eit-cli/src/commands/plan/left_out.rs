@@ -38,6 +38,12 @@ pub(in crate::commands) fn of(
         list.push(("Jacobian products", why));
     }
     list.extend(of_method(scene, method, sequence));
+    if scene.reconstruction.electrode_movement_m.is_none() && method != Method::GaussNewtonAbsolute
+    {
+        let why = "no reconstruction.electrode_movement_m: electrodes are taken to stay; where the rim of \
+                   a fabric gives way, touches come with spots at electrodes";
+        list.push(("electrode movement", why.to_owned()));
+    }
     if scene.denoise.is_none() {
         list.push(("U-net", "the scene has no [denoise]".to_owned()));
     }

@@ -38,6 +38,8 @@ const STABLE_NODE_S: f64 = 6e-6;
 const ACCURATE_NODE_S: f64 = 3.5e-5;
 /// Real multiplications and additions of a complex one.
 const COMPLEX_FLOPS: f64 = 4.0;
+/// Displacement of an electrode and its column, seconds.
+const MOVEMENT_UNKNOWN_S: f64 = 2e-4;
 /// Meshing, seconds a node.
 const NODE_S: f64 = 5.5e-6;
 /// Total variation, effective: an iteration of 64 x 64 pixels and 20 frames in single precision.
@@ -111,6 +113,9 @@ pub(crate) fn of(
         directions: rank.min(USUAL_DIRECTIONS),
     };
     let mut stages = sizes.model();
+    if method != Method::GaussNewtonAbsolute {
+        stages.extend(sizes.movement());
+    }
     match method {
         Method::StTv | Method::Tv => stages.extend(sizes.total_variation(sequence)),
         Method::GaussNewton => stages.extend([sizes.matrix(), sizes.frame()]),
@@ -247,6 +252,32 @@ impl Sizes<'_> {
                 ),
             },
         ]
+    }
+
+    /// Displacements of electrodes, taken out of the data; none where they stay.
+    fn movement(&self) -> Option<Stage> {
+        let movement_m = self.scene.reconstruction.electrode_movement_m?;
+        let (m, n) = (self.measurements, self.elements);
+        let cost = self.setup.model.cost();
+        let unknowns = 2.0 * self.setup.protocol.electrodes() as f64;
+        // voltages and fields once more, then the triangles around each electrode
+        let solve = cost.factor_flops + 2.0 * cost.factor_entries as f64 * cost.field_solves as f64;
+        let taken = 4.0 * m * unknowns * n + 10.0 * m * unknowns * unknowns;
+        // for the images, and for the touches
+        let flops = solve + 2.0 * taken;
+        Some(Stage {
+            name: "electrode movement",
+            size: format!("[{m}, {unknowns}], taken out of [{m}, {n}]"),
+            flops,
+            bytes: 2.0 * 8.0 * m * n,
+            time_s: solve / SWEEP_FLOPS_PER_S
+                + MOVEMENT_UNKNOWN_S * unknowns
+                + 2.0 * (taken / PRODUCT_FLOPS_PER_S + 3.0 * 8.0 * m * n / STORE_BYTES_PER_S),
+            why: format!(
+                "each electrode may move by {:.2} mm along and across its rim: unknowns beside the image",
+                1e3 * movement_m
+            ),
+        })
     }
 
     /// The one-step matrix and its hyperparameter.

@@ -7,6 +7,7 @@ use crate::picture::{Canvas, Plot, Series, draw_plot};
 use crate::pipeline::imaging::{prior, settings};
 use crate::pipeline::{self, Imaging, sequence};
 use crate::progress::Progress;
+use crate::scene::DifferenceKind;
 use eit_inverse::{CurvePoint, Differences, HyperparameterStatus, MovieReport};
 use ndarray::Array3;
 use serde_json::{Value, json};
@@ -14,7 +15,14 @@ use serde_json::{Value, json};
 /// Chooses the hyperparameter for one-step images, then takes the wanted method with it.
 pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, CliError> {
     let Task { scene, setup, linearised, frames, .. } = *task;
-    let imaging = pipeline::imaging(scene, setup, linearised, frames, progress)?;
+    let left = match task.before {
+        Some((_, freed)) => freed.imaging(setup, progress)?,
+        None => None,
+    };
+    let imaging = match left {
+        Some(imaging) => imaging,
+        None => pipeline::imaging(scene, setup, linearised, frames, progress)?,
+    };
     let (images, movie) = images(task, &imaging, progress)?;
     let mut report = imaging_json(&imaging);
     match &movie {
@@ -24,7 +32,8 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Cli
             report["seconds"] = json!(movie.seconds);
             report["residual"] = json!(movie.residual);
             let used = imaging.difference.report().measurements_used as f64;
-            report["residual_wanted"] = json!(scene.noise.additive_v.map(|_| used.sqrt()));
+            let is_known = scene.noise.additive_v.is_some() || scene.noise.white;
+            report["residual_wanted"] = json!(is_known.then(|| used.sqrt()));
         }
         None => {
             report["status"] = json!("direct");
@@ -47,7 +56,7 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Cli
             movie.seconds
         ));
     }
-    let footnote = footnote(task.method, &imaging);
+    let footnote = footnote(task.method, task.kind(), &imaging);
     let (curve, notes) = (curve_picture(&imaging)?, edge_note(&imaging).into_iter().collect());
     Ok(Made { images, raster: imaging.raster, footnote, curve, report, lines, notes })
 }
@@ -66,7 +75,7 @@ fn images(
     let prior = prior(scene, setup)?;
     let mut settings = settings(scene, setup, linearised, &frames.used)?;
     settings.hyperparameter = imaging.difference.report().hyperparameter;
-    if scene.noise.additive_v.is_some() {
+    if scene.noise.additive_v.is_some() || scene.noise.white {
         // with gain and reference, so that residuals are in units of the noise; images depend on
         // ratios alone
         let known = pipeline::noise::known(scene, frames, (&settings.data, task.fit.gain))?;
@@ -86,7 +95,11 @@ fn images(
 }
 
 /// Small print of pictures.
-pub(in crate::commands) fn footnote(method: Method, imaging: &Imaging) -> String {
+pub(in crate::commands) fn footnote(
+    method: Method,
+    kind: DifferenceKind,
+    imaging: &Imaging,
+) -> String {
     let report = imaging.difference.report();
     format!(
         "{}, {} prior, hyperparameter {:.3e} ({}), {} difference",
@@ -94,7 +107,7 @@ pub(in crate::commands) fn footnote(method: Method, imaging: &Imaging) -> String
         report.prior,
         report.hyperparameter,
         imaging.rule,
-        kind_words(imaging.kind)
+        kind_words(kind)
     )
 }
 

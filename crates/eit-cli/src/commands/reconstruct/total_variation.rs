@@ -231,7 +231,7 @@ fn notes(movie: &TvMovie) -> Vec<String> {
 }
 
 fn footnote(task: &Task<'_>, movie: &TvMovie) -> String {
-    let kind = kind_words(task.scene.difference_kind(&task.setup.protocol));
+    let kind = kind_words(task.kind());
     let weights = movie.weights.as_ref().map_or_else(String::new, |weights| {
         format!(", λ {:.2e}, {:.2e} ({})", weights.lambda_space, weights.lambda_time, weights.rule)
     });

@@ -1,5 +1,6 @@
 //! How well touches are found: position, discrimination, tracks, and how fast.
 
+mod electrodes;
 mod eyes;
 mod greit;
 mod lab;
@@ -40,6 +41,9 @@ struct Grid {
     pixels: usize,
     /// Quiet frames for the noise of ST-TV images.
     quiet: usize,
+    /// Whether all cases of moving electrodes are simulated, and how many frames of each at most.
+    all_scripts: bool,
+    script_frames: usize,
 }
 
 const FULL: Grid = Grid {
@@ -56,6 +60,8 @@ const FULL: Grid = Grid {
     latency_frames: 2000,
     pixels: 64,
     quiet: 60,
+    all_scripts: true,
+    script_frames: 400,
 };
 const QUICK: Grid = Grid {
     noise_db: &[60.0],
@@ -68,6 +74,8 @@ const QUICK: Grid = Grid {
     latency_frames: 80,
     pixels: 32,
     quiet: 20,
+    all_scripts: false,
+    script_frames: 50,
 };
 
 /// Measures the wanted parts and writes them.
@@ -90,6 +98,11 @@ pub(super) fn run(
     if wants(TouchPart::Movement) {
         let steps = movement::FABRICS * rings;
         tables.push(progress.steps("movement", steps, |bar| movement::table(&lab, &grid, bar))?);
+    }
+    if wants(TouchPart::Electrodes) {
+        let steps = electrodes::steps(&grid);
+        let made = progress.steps("electrodes", steps, |bar| electrodes::table(&lab, &grid, bar));
+        tables.push(made?);
     }
     if wants(TouchPart::Pairs) {
         let steps = levels * rings * METHODS.len();

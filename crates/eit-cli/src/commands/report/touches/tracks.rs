@@ -26,16 +26,16 @@ const WITHIN_M: f64 = 0.025;
 const STREAMS: [&str; 2] = ["one-step", "st-tv stream"];
 
 /// True places of a frame: finger and place; and whether it is fully there.
-type Present = Vec<(u32, [f64; 2], bool)>;
+pub(super) type Present = Vec<(u32, [f64; 2], bool)>;
 
 /// What a stream did over a recording.
 #[derive(Debug, Clone, Default)]
-struct Tally {
-    fingers: usize,
-    found: usize,
-    errors_m: Vec<f64>,
-    frames: usize,
-    false_touches: usize,
+pub(super) struct Tally {
+    pub fingers: usize,
+    pub found: usize,
+    pub errors_m: Vec<f64>,
+    pub frames: usize,
+    pub false_touches: usize,
     switches: usize,
     /// Name that each finger had last.
     names: Vec<Option<u64>>,
@@ -220,7 +220,7 @@ fn follow(
 
 impl Tally {
     /// Pairs touches and fingers, the nearest first, and counts.
-    fn add(&mut self, present: &Present, touches: &[Touch]) {
+    pub fn add(&mut self, present: &Present, touches: &[Touch]) {
         let alive: Vec<&Touch> =
             touches.iter().filter(|t| t.state != TouchState::End && t.valid).collect();
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();

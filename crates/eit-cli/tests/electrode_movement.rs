@@ -1,0 +1,205 @@
+//! `reconstruction.electrode_movement_m`: displacements of electrodes as unknowns beside the image, on
+//! the simulated fabric, whose rim gives way.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+mod common;
+
+use common::{SMALL, refuse, succeed, text, write_scene};
+use eit_hw::Quality;
+use eit_hw::capture::{CaptureSettings, CaptureWriter};
+use ndarray::{Array2, Array3, Axis};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+
+/// What the scenes say of electrodes: twice what they move by in the mean of these recordings.
+const KEY: &str = "electrode_movement_m = 0.2e-3";
+
+/// A scene with keys under `[reconstruction]`.
+fn with(scene: &str, keys: &str) -> String {
+    assert!(!scene.contains("[reconstruction]"));
+    format!("{scene}\n[reconstruction]\npixels = 32\n{keys}\n")
+}
+
+/// A recording of the simulated fabric, and its scene.
+fn simulated(folder: &Path) -> (PathBuf, String) {
+    let plain = succeed(&["plan", "paper-disc", "--print-scene"]);
+    let (scene, out) = (write_scene(folder, &plain), folder.join("sim"));
+    let arguments = ["simulate", text(&scene), "--script", "stroking", "--out", text(&out)];
+    succeed(&[&arguments[..], &["--nodes", "2500", "--frames", "45", "--seed", "7"]].concat());
+    let scene = std::fs::read_to_string(out.join("scene.toml")).unwrap();
+    (out, scene)
+}
+
+/// The same frames as a recording whose frame 40 has a value that its instrument flags.
+fn with_a_bad_value(sim: &Path) -> PathBuf {
+    let (good, bad) = (sim.join("good.mcap"), sim.join("bad.mcap"));
+    succeed(&["convert", text(&sim.join("frames.npy")), "--out", text(&good)]);
+    let capture = eit_hw::capture::read(&good).unwrap();
+    let session = capture.sessions().next().unwrap();
+    let settings = CaptureSettings::default();
+    let mut writer = CaptureWriter::create(&bad, session, settings).unwrap();
+    for (number, frame) in capture.frames().enumerate() {
+        let mut frame = frame.clone();
+        if number == 40 {
+            frame.quality[17] = Quality::SATURATED;
+        }
+        writer.frame(&frame).unwrap();
+    }
+    writer.finish().unwrap();
+    bad
+}
+
+/// Reconstructs a scene in the folder of its frames; `report.json` and images.
+fn reconstruct(folder: &Path, scene: &str, method: &str) -> (Value, Array3<f64>) {
+    let file = folder.join("tried.toml");
+    std::fs::write(&file, scene).unwrap();
+    let out = folder.join("out");
+    succeed(&["reconstruct", text(&file), "--method", method, "--out", text(&out)]);
+    let report = std::fs::read_to_string(out.join("report.json")).unwrap();
+    let images = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
+    (serde_json::from_str(&report).unwrap(), images)
+}
+
+/// Time of the stages of this name, seconds.
+fn time_s(report: &Value, name: &str) -> f64 {
+    let stages = report["stages"].as_array().unwrap();
+    let of_name = stages.iter().filter(|stage| stage["stage"] == name);
+    of_name.map(|stage| stage["time_s"].as_f64().unwrap()).sum()
+}
+
+/// Images and touches of one recording, with bad values too, live as recorded.
+#[test]
+fn images_and_touches_are_made_of_what_is_left() {
+    let folder = tempfile::tempdir().unwrap();
+    let (sim, scene) = simulated(folder.path());
+    let (plain, came) = reconstruct(&sim, &with(&scene, ""), "gauss-newton");
+    let (report, images) = reconstruct(&sim, &with(&scene, KEY), "gauss-newton");
+    assert_eq!(plain["electrode_movement_m"], Value::Null);
+    assert_eq!(report["electrode_movement_m"], 0.2e-3);
+    assert_eq!(report["hyperparameter_rule"], "noise figure 1 of the data with movement");
+    assert!(
+        time_s(&report, "electrode movement") > 0.0 && time_s(&plain, "electrode movement") == 0.0
+    );
+    // one finger, and spots at the electrodes beside it
+    let touches = |report: &Value| report["touches"]["rows"].as_u64().unwrap();
+    assert!(touches(&report) > 0 && touches(&report) < touches(&plain), "{report} {plain}");
+    let norm = |images: &Array3<f64>| {
+        images.iter().filter(|v| v.is_finite()).map(|v| v * v).sum::<f64>().sqrt()
+    };
+    let taken = norm(&(&came - &images)) / norm(&came);
+    // measured 0.3 to 0.6; far from nothing, and most of the image stays
+    assert!((0.05..0.9).contains(&taken), "{taken}");
+
+    // a smaller movement than any tells nothing: the image of equal weights and the same prior
+    let (_, same) =
+        reconstruct(&sim, &with(&scene, "electrode_movement_m = 1e-12"), "gauss-newton");
+    let off = norm(&(&came - &same)) / norm(&came);
+    assert!(off < 1e-6, "{off}");
+
+    // measurements are mixed: a frame without one of them has no image, the others keep theirs
+    with_a_bad_value(&sim);
+    let scene = scene.replace("frames.npy", "bad.mcap");
+    let (report, holed) = reconstruct(&sim, &with(&scene, KEY), "gauss-newton");
+    assert!(report["notes"].to_string().contains("1 of 45 frames have bad values"), "{report}");
+    let zero =
+        |frame: usize| holed.index_axis(Axis(0), frame).iter().all(|v| *v == 0.0 || v.is_nan());
+    assert!(zero(40) && !zero(39));
+    let row = |images: &Array3<f64>| images.index_axis(Axis(0), 39).row(16).to_owned();
+    assert_eq!(row(&holed), row(&images));
+}
+
+/// The same as it comes, frame by frame; a bad frame is counted and passed over.
+#[test]
+fn a_stream_of_frames_loses_what_electrodes_leave() {
+    let folder = tempfile::tempdir().unwrap();
+    let (sim, _) = simulated(folder.path());
+    let recording = with_a_bad_value(&sim);
+    let scene = succeed(&["plan", "paper-disc", "--print-scene"]);
+    let replay = |keys: &str| {
+        let (file, out) = (folder.path().join("live.toml"), folder.path().join("out"));
+        std::fs::write(&file, with(&scene, keys)).unwrap();
+        let arguments = ["replay", text(&file), "--from", text(&recording), "--out", text(&out)];
+        let answer = succeed(&[&arguments[..], &["--quiet", "20", "--json"]].concat());
+        let images: Array3<f64> = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
+        (serde_json::from_str::<Value>(&answer).unwrap(), images)
+    };
+    for method in ["gauss-newton", "tv"] {
+        let (plain, came) = replay(&format!("method = \"{method}\""));
+        let (answer, left) = replay(&format!("method = \"{method}\"\n{KEY}"));
+        let of = &answer["images"];
+        assert!(of["how"].to_string().contains("electrodes may move by 0.20 mm"), "{answer}");
+        assert_eq!((&of["lost"], &plain["images"]["lost"]), (&1.into(), &0.into()), "{answer}");
+        assert_eq!((left.dim(), came.dim()), ((25, 32, 32), (25, 32, 32)));
+        assert!(left.index_axis(Axis(0), 24) != came.index_axis(Axis(0), 24));
+        let touches = |answer: &Value| answer["touches"].as_u64().unwrap();
+        assert!(touches(&answer) > 0 && touches(&answer) <= touches(&plain), "{answer} {plain}");
+    }
+}
+
+/// Said before work, with the reason.
+#[test]
+fn what_cannot_be_together_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let out = text(&out);
+    let key = |keys: &str| write_scene(folder.path(), &with(SMALL, keys));
+    let says = refuse(&["plan", text(&key("electrode_movement_m = -1.0"))]);
+    assert!(says.contains("electrode_movement_m is -1: it must be finite and above"), "{says}");
+    let absolute = format!("method = \"gauss-newton-absolute\"\n{KEY}");
+    let says = refuse(&["plan", text(&key(&absolute))]);
+    assert!(says.contains("movement is taken out of differences"), "{says}");
+    let says = refuse(&["plan", text(&key(&format!("{KEY}\n[denoise]\nweights = \"default\"")))]);
+    assert!(says.contains("nets have learnt from images in which electrodes moved"), "{says}");
+    let quadratic = SMALL.replace("[mesh]", "[mesh]\nelements = \"quadratic\"");
+    let scene = write_scene(folder.path(), &with(&quadratic, KEY));
+    let says = refuse(&["plan", text(&scene)]);
+    assert!(says.contains("those of linear elements"), "{says}");
+
+    let scene = key(KEY);
+    let says = refuse(&["train", text(&scene), "--out", &format!("{out}.safetensors")]);
+    assert!(says.contains("`eit train` does not know"), "{says}");
+    let images = folder.path().join("images.npy");
+    ndarray_npy::write_npy(&images, &Array3::<f64>::zeros((1, 32, 32))).unwrap();
+    let says = refuse(&["denoise", text(&scene), "--images", text(&images), "--out", out]);
+    assert!(says.contains("`eit denoise` does not know"), "{says}");
+
+    let voltages = folder.path().join("v.npy");
+    succeed(&["forward", text(&scene), "--out", text(&voltages)]);
+    let still: ndarray::Array1<f64> = ndarray_npy::read_npy(&voltages).unwrap();
+    let frames = Array2::from_shape_fn((4, still.len()), |(f, i)| {
+        still[i] * (1.0 + 1e-3 * f as f64 * (i as f64).sin())
+    });
+    ndarray_npy::write_npy(&voltages, &frames).unwrap();
+    let made = |scene: &Path, method: &str| {
+        let from = ["--frames", text(&voltages), "--reference", "0", "--method", method];
+        refuse(&[&["reconstruct", text(scene), "--out", out][..], &from].concat())
+    };
+    let says = made(&scene, "gauss-newton");
+    assert!(says.contains("needs the noise: state [noise]"), "{says}");
+    let scene = key(&format!("{KEY}\n[noise]\nadditive_v = 1e-6"));
+    let says = made(&scene, "gauss-newton-absolute");
+    assert!(says.contains("before a linear method"), "{says}");
+}
+
+/// The plan has the stage, or says why it is left out; its time is within a wide factor of what it took
+/// (a loaded machine: the report has the honest one).
+#[test]
+fn the_plan_shows_the_stage_or_why_it_is_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = |keys: &str| -> Value {
+        let scene = write_scene(folder.path(), &with(SMALL, keys));
+        serde_json::from_str(&succeed(&["plan", text(&scene), "--json"])).unwrap()
+    };
+    let (plain, moves) = (plan(""), plan(KEY));
+    let stage = |plan: &Value| {
+        let stages = plan["stages"].as_array().unwrap();
+        stages.iter().find(|stage| stage["stage"] == "electrode movement").cloned()
+    };
+    let left_out = |plan: &Value| plan["left_out"].to_string().contains("electrode movement");
+    assert!(stage(&plain).is_none() && left_out(&plain));
+    let stage = stage(&moves).unwrap();
+    assert!(!left_out(&moves));
+    assert!(stage["size"].as_str().unwrap().starts_with("[40, 16], taken out of [40, "), "{stage}");
+    assert!(stage["why"].as_str().unwrap().contains("0.20 mm"), "{stage}");
+    assert!(stage["expected_time_s"].as_f64().unwrap() > 0.0);
+}
