@@ -130,7 +130,8 @@ pub(crate) enum Command {
     /// Simulates soft and hard fingers with a finer mesh and noise; runs the forward problem on
     /// meshes of many sizes and every inverse solver at many settings; compares what `eit plan`
     /// promised. Writes report.html (open it), report.md, report.json, tables (inverse.csv,
-    /// forward.csv, plan.csv) and pictures. Some minutes; --quick takes one.
+    /// forward.csv, plan.csv) and pictures, anew after every scene: until the last one the report says
+    /// that it is incomplete, and Ctrl-C leaves what there is. Some minutes; --quick takes one.
     ///
     /// With --quality instead quality.md and quality.csv (figures of merit over noise, speed and
     /// number of touches), with --touches touches.md, with --denoise denoise.md and its pictures.

@@ -176,6 +176,17 @@ impl TouchMovie {
         fingers.iter().map(of_one).sum()
     }
 
+    /// Sheet conductivity with fingers at these places: of each element that at its centroid, siemens.
+    pub fn conductivity_s(
+        &self,
+        background_s: f64,
+        centroids: &[[f64; 3]],
+        fingers: &[[f64; 2]],
+    ) -> Vec<f64> {
+        let of = |c: &[f64; 3]| background_s * (1.0 + self.change([c[0], c[1]], fingers));
+        centroids.iter().map(of).collect()
+    }
+
     /// Voltages of the untouched skin and of each frame, without noise.
     pub fn voltages(
         &self,
@@ -186,8 +197,8 @@ impl TouchMovie {
         let background = scene.skin.conductivity_s;
         let centroids = setup.mesh.surface().centroids();
         let mut workspace = setup.model.workspace()?;
-        let mut conductivity = vec![background; centroids.len()];
-        let mut solution = setup.model.solve(&conductivity, &mut workspace)?;
+        let untouched = vec![background; centroids.len()];
+        let mut solution = setup.model.solve(&untouched, &mut workspace)?;
         let reference = solution.measurements();
         let notes = pipeline::certain(&solution.report())?.into_iter().collect();
         let mut frames = Array2::zeros((self.positions_m.len(), reference.len()));
@@ -196,9 +207,7 @@ impl TouchMovie {
             let (mut shown, mut solved): (&[[f64; 2]], _) = (&[], reference.clone());
             for (mut frame, fingers) in frames.rows_mut().into_iter().zip(&self.positions_m) {
                 if shown != fingers.as_slice() {
-                    for (sigma, c) in conductivity.iter_mut().zip(&centroids) {
-                        *sigma = background * (1.0 + self.change([c[0], c[1]], fingers));
-                    }
+                    let conductivity = self.conductivity_s(background, &centroids, fingers);
                     solved = setup.model.solve(&conductivity, &mut workspace)?.measurements();
                     shown = fingers;
                 }

@@ -5,6 +5,8 @@ mod common;
 
 use common::{refuse, succeed, text};
 use serde_json::Value;
+use std::process::{Command, Stdio};
+use std::time::Duration;
 
 fn json(answer: &str) -> Value {
     serde_json::from_str(answer).unwrap()
@@ -43,14 +45,115 @@ fn the_report_of_a_scene_is_whole() {
         assert!(cost_ms <= 1e3 * choice["budget_s"].as_f64().unwrap(), "{choice}");
         assert!(choice["live"] == false || choice["choice"]["live"] == true, "{choice}");
     }
-    let meshes = scene["forward"]["meshes"].as_array().unwrap();
-    let errors: Vec<f64> = meshes.iter().map(|m| m["error"].as_f64().unwrap()).collect();
-    assert!(errors.windows(2).all(|pair| pair[1] < pair[0]), "finer is better: {errors:?}");
+    check_forward(&report["forward"][0], "single-frame");
     let page = std::fs::read_to_string(out.join("report.html")).unwrap();
     assert!(page.contains("data:image/png;base64") && !page.contains("<script"));
-    for name in ["report.md", "inverse.csv", "forward.csv", "plan.csv", "error_single_frame.png"] {
+    for name in ["report.md", "inverse.csv", "forward.csv", "plan.csv"] {
         assert!(std::fs::metadata(out.join(name)).unwrap().len() > 100, "{name}");
     }
+    for name in ["error_single_frame.png", "forward_single_frame.png"] {
+        assert!(std::fs::metadata(out.join(name)).unwrap().len() > 10_000, "{name}");
+    }
+    assert!(!out.join("incomplete.txt").exists());
+}
+
+/// Errors of the forward problem mean something: quadratic elements are the better ones on every mesh,
+/// finer meshes are better, none is told that the reference cannot judge, and the chosen meshes
+/// keep their errors.
+fn check_forward(skin: &Value, name: &str) {
+    assert_eq!(skin["scene"], name);
+    let meshes = skin["meshes"].as_array().unwrap();
+    let number = |mesh: &Value, key: &str| mesh[key].as_f64().unwrap();
+    let median = |mesh: &Value, key: &str| mesh[key]["median_s"].as_f64().unwrap();
+    for mesh in meshes {
+        assert!(
+            number(mesh, "error") >= 10.0 * skin["reference_error"].as_f64().unwrap(),
+            "{mesh}"
+        );
+        assert!(median(mesh, "voltages_time") < median(mesh, "time"), "{mesh}");
+        assert!(number(mesh, "voltages_floor_s") <= number(mesh, "floor_s"), "{mesh}");
+    }
+    let of = |kind: &str, elements: &str| -> Vec<&Value> {
+        meshes.iter().filter(|m| m["mesh"] == kind && m["elements"] == elements).collect()
+    };
+    for kind in ["even", "graded"] {
+        let (linear, quadratic) = (of(kind, "linear"), of(kind, "quadratic"));
+        assert_eq!(linear.len(), 2, "{name}, {kind}: {skin}");
+        for better in quadratic {
+            let on_it = linear.iter().find(|linear| linear["nodes"] == better["nodes"]).unwrap();
+            // measured: 5 to 70 times
+            assert!(number(better, "error") < 0.5 * number(on_it, "error"), "{better} {on_it}");
+        }
+    }
+    let even = of("even", "linear");
+    // round patches have twelve corners on both
+    let most = if name == "patches" { 1.2 } else { 1.0 };
+    assert!(
+        number(even[1], "error") < most * number(even[0], "error"),
+        "finer is better: {even:?}"
+    );
+    for choice in skin["choices"].as_array().unwrap() {
+        if let Some(error) = choice["choice"]["error"].as_f64() {
+            assert!(error <= choice["error"].as_f64().unwrap(), "{choice}");
+        }
+    }
+}
+
+/// Skins without images: a curve against the series, one against a finer mesh, one of patches.
+#[test]
+fn forward_problems_of_other_skins_are_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let names = ["hemisphere", "plate-with-hole", "patches"];
+    let scenes = names.join(",");
+    let arguments = ["report", "--quick", "--scenes", &scenes, "--out", text(&out), "--json"];
+    let report = json(&succeed(&arguments));
+    assert!(report["scenes"].as_array().unwrap().is_empty());
+    for (skin, name) in report["forward"].as_array().unwrap().iter().zip(names) {
+        check_forward(skin, name);
+        let is_series = skin["reference"] == "the mesh-free series";
+        assert_eq!(is_series, name == "hemisphere", "{skin}");
+    }
+    let table = std::fs::read_to_string(out.join("forward.csv")).unwrap();
+    assert!(names.iter().all(|name| table.contains(name)), "{table}");
+    let words = std::fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(words.contains("\n## Forward problem\n") && !words.contains("Incomplete"), "{words}");
+    assert!(!out.join("inverse.csv").exists() && !out.join("plan.csv").exists());
+    let refused = refuse(&["report", "--plans", "--scenes", "patches", "--out", text(&out)]);
+    assert!(refused.contains("patches"), "{refused}");
+}
+
+/// Ctrl-C leaves the scenes that were finished, and they say so.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_report_keeps_what_it_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("report");
+    let child = Command::new(env!("CARGO_BIN_EXE_eit"))
+        .args(["report", "--quick", "--scenes", "hemisphere,paper-disc-60", "--out", text(&out)])
+        .stderr(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // the last file of a set that is put in its place
+    while !out.join("report.json").exists() {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let killed = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(killed.success());
+    let output = child.wait_with_output().unwrap();
+    let error = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{error}");
+    assert!(error.contains("1 of 2 scenes"), "{error}");
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(page.contains("Incomplete, without paper-disc-60"));
+    let words = std::fs::read_to_string(out.join("incomplete.txt")).unwrap();
+    assert!(words.contains("paper-disc-60"), "{words}");
+    let report = json(&std::fs::read_to_string(out.join("report.json")).unwrap());
+    assert_eq!(report["missing"], serde_json::json!(["paper-disc-60"]));
+    check_forward(&report["forward"][0], "hemisphere");
+    let left: Vec<_> = std::fs::read_dir(&out).unwrap().map(|f| f.unwrap().file_name()).collect();
+    assert!(left.iter().all(|name| !name.to_string_lossy().starts_with(".eit-")), "{left:?}");
 }
 
 #[test]

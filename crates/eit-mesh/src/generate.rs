@@ -14,6 +14,7 @@ use crate::flat_electrodes::FlatElectrodes;
 use crate::geometry::Outline;
 use crate::rim_electrodes::{RimElectrodes, RimInterval};
 use crate::settings::MeshSettings;
+use crate::surface::norm;
 use crate::{Electrode, Mesh, MeshError, PlacedElectrode, SkinShape, Surface, smooth};
 
 /// Meshes a flat skin (z = 0), or a hemisphere, with electrodes on its rim.
@@ -21,7 +22,7 @@ use crate::{Electrode, Mesh, MeshError, PlacedElectrode, SkinShape, Surface, smo
 /// Every electrode end is a node on the true outline, and so is every corner. On a disc of
 /// radius R, rim edges of length h are chords, so an electrode's mesh length falls short of its
 /// width by the fraction h^2 / (24 R^2), and the area by about four times that. The mesh knows the
-/// middle of each arc ([`Mesh::midpoint_m`]), for curved elements.
+/// middle of each arc, and on a hemisphere of each edge ([`Mesh::midpoint_m`]), for curved elements.
 /// The same input gives the same mesh, bit for bit.
 ///
 /// # Errors
@@ -123,7 +124,16 @@ fn mesh(
     placed.extend(discs.iter().map(|d| d.electrode).zip(patches.into_iter().map(Electrode::Patch)));
     placed.sort_by_key(|(index, _)| *index);
     let mesh = Mesh::new(surface, placed.into_iter().map(|(_, electrode)| electrode).collect())?;
-    Ok(mesh.with_arcs(&rim.arc_middles))
+    match *shape {
+        SkinShape::Hemisphere { radius_m } => mesh.with_midpoints(|_, p| onto_sphere(p, radius_m)),
+        _ => Ok(mesh.with_arcs(&rim.arc_middles)),
+    }
+}
+
+/// The point of a sphere around the origin that is nearest to another; on the equator it stays there.
+fn onto_sphere(point: [f64; 3], radius_m: f64) -> [f64; 3] {
+    let scale = radius_m / norm(point);
+    point.map(|x| scale * x)
 }
 
 /// The point of a skin that stands for a point inside its outline.

@@ -139,8 +139,8 @@ fn the_number_of_nodes_is_met_with_patches() {
     assert!((nodes / 4000.0 - 1.0).abs() < 0.1, "{nodes}");
 }
 
-/// All nodes on the sphere, the rim at z = 0, area and electrode lengths to the chords' part, and the
-/// angles of the flat mesh but for their part of the curvature.
+/// All nodes and middles of edges on the sphere, the rim at z = 0, area and electrode lengths to the
+/// chords' part, and the angles of the flat mesh but for their part of the curvature.
 #[test]
 fn a_hemisphere_is_half_a_sphere() {
     let dome = SkinShape::Hemisphere { radius_m: 0.1 };
@@ -152,6 +152,12 @@ fn a_hemisphere_is_half_a_sphere() {
     }
     let on_rim = mesh.surface().nodes().iter().filter(|p| p[2] == 0.0).count();
     assert_eq!(on_rim, mesh.surface().rim_edges().len());
+    // quadratic elements follow the sphere
+    for [a, b] in mesh.surface().triangles().iter().flat_map(|t| [[t[0], t[1]], [t[1], t[2]]]) {
+        let middle = mesh.midpoint_m([a, b]).unwrap();
+        let radius = middle.iter().map(|x| x * x).sum::<f64>().sqrt();
+        assert!((radius / 0.1 - 1.0).abs() < 1e-15 * 8.0 && middle[2] >= 0.0, "{middle:?}");
+    }
     // a facet of edge h lies h^2 / (12 R^2) of its area inside: 5e-4
     let missing = 1.0 - area_m2(&mesh) / (TAU * 0.01);
     assert!((0.0..2e-3).contains(&missing), "{missing:e}");

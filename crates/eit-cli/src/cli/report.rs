@@ -26,15 +26,20 @@ pub(crate) struct ReportArgs {
     #[arg(long, conflicts_with_all = ["quality", "touches"])]
     pub denoise: bool,
     /// Only these scenes of the error-against-run-time report: paper-disc-60, paper-disc-40,
-    /// paper-fabric, stiff-contact, high-contrast, general-32, single-frame.
+    /// paper-fabric, stiff-contact, high-contrast, general-32, single-frame; and, of which the forward
+    /// problem alone is run, plate-with-hole, patches, hemisphere.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     #[arg(conflicts_with_all = ["quality", "touches", "denoise"])]
     pub scenes: Vec<String>,
     /// Only what `eit plan` promises of each scene, beside what is measured.
     #[arg(long, conflicts_with_all = ["quality", "touches", "denoise", "peers"])]
     pub plans: bool,
+    /// Only the forward problem of each skin: error of the voltages over time, linear and quadratic
+    /// elements on even and graded meshes.
+    #[arg(long, conflicts_with_all = ["quality", "touches", "denoise", "plans"])]
+    pub forward: bool,
     /// Also run NumPy, SciPy and, where installed, CHOLMOD and pyEIT on the same problems, with this
-    /// Python.
+    /// Python; five minutes for each at the most.
     #[arg(long, value_name = "PYTHON", conflicts_with_all = ["quality", "touches", "denoise"])]
     pub peers: Option<PathBuf>,
     /// U-nets to compare: "default", or a file of `eit train`; more than once for more.

@@ -11,6 +11,7 @@ mod touches;
 
 #[cfg(test)]
 pub(crate) use race::GAPS;
+#[cfg(test)]
 pub(crate) use race::case::CASES;
 
 use super::Answer;
@@ -20,10 +21,12 @@ use crate::output::OutFolder;
 use crate::progress::Progress;
 
 /// Files of the parts: each run removes those of the others that it does not make.
-const FILES: [&str; 21] = [
+const FILES: [&str; 22] = [
     "report.html",
     "report.md",
     "report.json",
+    "incomplete.txt",
+    // of earlier versions
     "forward.png",
     "inverse.csv",
     "forward.csv",
@@ -44,22 +47,27 @@ const FILES: [&str; 21] = [
     "denoised.png",
 ];
 
-/// Runs the race, the table of quality or the touch figures.
+/// Runs the race, the table of quality, the touch figures or those of nets.
 pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {
-    let mut out = OutFolder::new(&args.out)?;
     let mut progress = Progress::default();
+    if !(args.quality || args.denoise) && args.touches.is_empty() {
+        return race::run(args, &mut progress);
+    }
+    let mut out = OutFolder::new(&args.out)?;
     let answer = if args.quality {
         quality::run(args.quick, &mut out, &mut progress)?
     } else if args.denoise {
         denoise::run(args, &mut out, &mut progress)?
-    } else if !args.touches.is_empty() {
-        touches::run((&args.touches, args.quick), &mut out, &mut progress)?
     } else {
-        race::run(args, &mut out, &mut progress)?
+        touches::run((&args.touches, args.quick), &mut out, &mut progress)?
     };
-    let pictures = CASES.iter().flat_map(|case| case.files);
-    out.commit(&FILES.into_iter().chain(pictures).collect::<Vec<_>>())?;
+    out.commit(&files())?;
     Ok(answer)
+}
+
+/// Names of every file of the report: a run removes those that it does not make.
+fn files() -> Vec<&'static str> {
+    FILES.into_iter().chain(race::pictures()).collect()
 }
 
 /// A Markdown table.

@@ -1,14 +1,15 @@
 //! The scenes of the race: a built-in skin, what touches it, and how noisy its instrument is.
 
+use super::skins::{GENERAL_32, HIGH_CONTRAST, PAPER_DISC, SINGLE_FRAME, STIFF_CONTACT, Skin};
 use crate::simulate::{Finger, FingerShape, MovieSettings, SLOW_M};
 
-/// One scene of the report.
+/// One scene of the race of images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Case {
     /// Key in files.
     pub name: &'static str,
-    /// Built-in scene.
-    pub scene: &'static str,
+    /// Built-in skin.
+    pub skin: Skin,
     /// What is special about it.
     pub what: &'static str,
     /// Noise, decibel below the voltages.
@@ -23,11 +24,11 @@ pub(crate) struct Case {
     pub files: [&'static str; 2],
 }
 
-/// Every scene, the paper's first.
+/// Every scene whose images are raced, the paper's first.
 pub(crate) const CASES: [Case; 7] = [
     Case {
         name: "paper-disc-60",
-        scene: "paper-disc",
+        skin: PAPER_DISC,
         what: "the paper's skin, a good instrument",
         noise_db: 60.0,
         change: 0.5,
@@ -37,7 +38,7 @@ pub(crate) const CASES: [Case; 7] = [
     },
     Case {
         name: "paper-disc-40",
-        scene: "paper-disc",
+        skin: PAPER_DISC,
         what: "the paper's skin, a poor instrument",
         noise_db: 40.0,
         change: 0.5,
@@ -47,7 +48,7 @@ pub(crate) const CASES: [Case; 7] = [
     },
     Case {
         name: "paper-fabric",
-        scene: "paper-disc",
+        skin: PAPER_DISC,
         what: "the paper's experiments on the simulated fabric: electrodes move with the finger",
         noise_db: f64::NAN,
         change: f64::NAN,
@@ -57,7 +58,7 @@ pub(crate) const CASES: [Case; 7] = [
     },
     Case {
         name: "stiff-contact",
-        scene: "stiff-contact",
+        skin: STIFF_CONTACT,
         what: "contact impedances over nine decades",
         noise_db: 60.0,
         change: 0.5,
@@ -67,7 +68,7 @@ pub(crate) const CASES: [Case; 7] = [
     },
     Case {
         name: "high-contrast",
-        scene: "high-contrast",
+        skin: HIGH_CONTRAST,
         what: "conductivity up to eleven times higher under a finger",
         noise_db: 60.0,
         change: 10.0,
@@ -77,7 +78,7 @@ pub(crate) const CASES: [Case; 7] = [
     },
     Case {
         name: "general-32",
-        scene: "general-32",
+        skin: GENERAL_32,
         what: "32 electrodes, currents on all of them at once",
         noise_db: 60.0,
         change: 0.5,
@@ -87,7 +88,7 @@ pub(crate) const CASES: [Case; 7] = [
     },
     Case {
         name: "single-frame",
-        scene: "single-frame",
+        skin: SINGLE_FRAME,
         what: "one frame, nothing in time",
         noise_db: 60.0,
         change: 0.5,

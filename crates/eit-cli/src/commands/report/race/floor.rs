@@ -34,6 +34,11 @@ impl Floors {
         self.machine.floor_s(cost.factor_flops + sweep + cost.product_flops, bytes)
     }
 
+    /// Factorisation and voltages alone, seconds.
+    pub fn voltages(&self, cost: &eit_fem::ModelCost) -> f64 {
+        self.machine.floor_s(cost.factor_flops, 8.0 * cost.factor_entries as f64)
+    }
+
     /// One image by two thin factors of the reconstruction matrix, of this rank.
     pub fn one_step(&self, bench: &Bench, rank: usize) -> f64 {
         let pixels = bench.raster.masked_pixels().len() as f64;

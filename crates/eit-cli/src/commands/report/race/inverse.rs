@@ -14,6 +14,7 @@ use super::point::{Course, Point, Solver, Spread};
 use super::{Recording, Size};
 use crate::denoise::Net;
 use crate::error::CliError;
+use crate::interrupt::Interrupt;
 use crate::method::Method;
 use crate::scene::Rule;
 use eit_inverse::MovieStatus;
@@ -49,6 +50,8 @@ pub(super) struct Lane<'a> {
     pub nets: &'a [(String, Net)],
     /// An interpreter that runs the Python peers.
     pub peers: Option<&'a Path>,
+    /// Set when the user wants an end.
+    pub stop: &'a Interrupt,
 }
 
 /// Everything that ran, and what failed with its reason.
@@ -79,39 +82,41 @@ impl Lane<'_> {
         }
     }
 
-    /// Runs them all; one that fails does not stop the others.
+    /// Runs them all; one that fails does not stop the others. Once the user wants an end, none begins.
     pub fn run(&self, bar: &indicatif::ProgressBar) -> Outcome {
         let mut outcome = Outcome::default();
-        let mut keep = |name: &str, course| {
+        let mut keep = |name: &str, course: &dyn Fn() -> Result<Course, CliError>| {
             bar.inc(1);
-            outcome.keep(name, course);
+            if !self.stop.is_set() {
+                outcome.keep(name, course());
+            }
         };
         let entrants = if self.is_still() { &STILLS[..] } else { &MOVIES[..] };
         for bench in self.benches {
             for rule in RULES {
-                keep("gauss-newton", self.one_step(bench, rule, None));
+                keep("gauss-newton", &|| self.one_step(bench, rule, None));
             }
             for entrant in entrants {
-                keep(&entrant.name(), self.total_variation(bench, *entrant));
+                keep(&entrant.name(), &|| self.total_variation(bench, *entrant));
             }
             if !self.is_still() {
                 for stream in STREAMS {
-                    keep("st-tv stream", self.stream(bench, stream, None));
+                    keep("st-tv stream", &|| self.stream(bench, stream, None));
                 }
             }
         }
         for net in self.nets {
-            keep(&net.0, self.one_step(self.judge(), RULES[0], Some(net)));
-            keep(&net.0, self.stream(self.judge(), STREAMS[0], Some(net)));
+            keep(&net.0, &|| self.one_step(self.judge(), RULES[0], Some(net)));
+            keep(&net.0, &|| self.stream(self.judge(), STREAMS[0], Some(net)));
         }
         let on_elements = [Method::TimePrior, Method::Kalman, Method::GaussNewtonAbsolute];
         let first = if self.is_still() { 2 } else { 0 };
         for method in &on_elements[first..] {
             for rule in RULES {
-                keep(method.name(), self.on_elements(*method, rule));
+                keep(method.name(), &|| self.on_elements(*method, rule));
             }
         }
-        if let Some(python) = self.peers {
+        if let Some(python) = self.peers.filter(|_| !self.stop.is_set()) {
             match peers::inverse(python, self) {
                 Ok(movies) => movies.into_iter().for_each(|movie| {
                     outcome.keep(&movie.name.clone(), self.peer(movie));

@@ -1,7 +1,10 @@
 //! What the race leaves: a page, a Markdown text, tables for programs, pictures.
 
-use super::super::{Answer, markdown};
-use super::{Findings, Size, best, plots};
+use super::super::Answer;
+use super::forward::{self, ForwardCourse};
+use super::images::Findings;
+use super::table::{Table, csv_failed};
+use super::{How, Results, Size, best};
 use crate::error::CliError;
 use crate::html::{Block, Page, Section};
 use crate::machine::Machine;
@@ -12,115 +15,114 @@ use serde_json::{Value, json};
 
 const TITLE: &str = "Error against run time";
 
-/// A table: names of the columns, rows, conditions.
-#[derive(Clone)]
-struct Table {
-    head: Vec<String>,
-    rows: Vec<Vec<String>>,
-    note: String,
-}
-
-impl Table {
-    fn new(head: &[&str], rows: Vec<Vec<String>>, note: impl Into<String>) -> Self {
-        Self { head: head.iter().map(|name| (*name).to_owned()).collect(), rows, note: note.into() }
-    }
-
-    fn block(&self) -> Block {
-        let Self { head, rows, note } = self.clone();
-        Block::Table { head, rows, note }
-    }
-
-    fn markdown(&self) -> String {
-        let head: Vec<&str> = self.head.iter().map(String::as_str).collect();
-        format!("{}\n{}\n", markdown(&head, &self.rows), self.note)
-    }
-}
-
-/// Writes everything.
+/// Writes everything that is known so far; scenes that are `missing` are told.
 pub(super) fn write(
-    results: &[Findings],
-    (size, machine, quick): (&Size, &Machine, bool),
+    results: &Results,
+    (how, missing): (&How<'_>, &[&str]),
     out: &mut OutFolder,
     progress: &Progress,
 ) -> Result<Answer, CliError> {
+    let Results { forward, scenes } = results;
+    let (machine, quick) = (&how.floors.machine, how.args.quick);
+    let incomplete = match missing {
+        [] => String::new(),
+        _ => format!("Incomplete, without {}. ", missing.join(", ")),
+    };
     let lead = format!(
-        "Simulated touches, one thread, times of a frame as medians over the runs. {}{}.",
+        "{incomplete}Simulated touches, one thread, times of a frame as medians over the runs. {}{}.",
         machine.words(),
         if quick { ". Quick: fewer frames, pixels, gaps and meshes" } else { "" }
     );
-    // cases of one skin share its meshes
-    let mut forward: Vec<_> = results.iter().map(|r| (r.case.scene, &r.forward)).collect();
-    forward.dedup_by_key(|(scene, _)| *scene);
-    let is_whole = forward.iter().any(|(_, course)| !course.points.is_empty());
-    let forward_png = match is_whole {
-        true => Some(plots::png(&plots::forward(&forward)?)?),
-        false => None,
-    };
     let mut page = Page { title: TITLE.to_owned(), lead: lead.clone(), sections: Vec::new() };
     let mut text = format!("# {TITLE}\n\n{lead}\n");
-    let mut add = |title: &str, blocks: Vec<Block>, table: Option<&Table>| {
-        if let Some(table) = table {
-            text += &format!("\n## {title}\n\n{}", table.markdown());
-        }
+    let mut add = |title: &str, blocks: Vec<Block>, table: &Table| {
+        text += &format!("\n## {title}\n\n{}", table.markdown());
         page.sections.push(Section { title: title.to_owned(), blocks });
     };
-    let choices = choices_table(results);
-    if is_whole {
-        add("Which solver for which time", vec![choices.block()], Some(&choices));
+    // with --plans nothing was raced
+    let raced = || scenes.iter().filter(|scene| !scene.rows.is_empty());
+    let (choices, promises) = (choices_table(raced()), promise_table(scenes));
+    let (chosen_meshes, meshes) = (forward::choices(forward), forward::meshes(forward));
+    if raced().next().is_some() {
+        add("Which solver for which time", vec![choices.block()], &choices);
     }
-    let promises = promise_table(results);
-    add("What the plan promised", vec![promises.block()], Some(&promises));
-    let meshes = forward_table(results);
-    let picture = |bytes: &[u8], caption: &str| Block::Picture {
-        bytes: bytes.to_vec(),
-        caption: caption.to_owned(),
-    };
-    if let Some(png) = &forward_png {
-        let blocks = vec![picture(png, "Error of the voltages over time"), meshes.block()];
-        add("Forward problem", blocks, Some(&meshes));
+    if !scenes.is_empty() {
+        add("What the plan promised", vec![promises.block()], &promises);
     }
-    for result in results.iter().filter(|_| is_whole) {
-        let table = scene_table(result);
+    if !forward.is_empty() {
+        let mut blocks = vec![chosen_meshes.block()];
+        blocks.extend(forward.iter().filter_map(forward_picture));
+        add("Forward problem", blocks, &chosen_meshes);
+        add("Forward problem, mesh by mesh", vec![meshes.block()], &meshes);
+    }
+    for scene in raced() {
+        let table = scene_table(scene);
         let mut blocks: Vec<Block> =
-            result.pictures.iter().map(|(_, bytes)| picture(bytes, &result.note)).collect();
+            scene.pictures.iter().map(|(_, bytes)| picture(bytes, &scene.note)).collect();
         blocks.push(table.block());
-        add(result.case.name, blocks, Some(&table));
+        add(scene.case.name, blocks, &table);
     }
-    page.sections.push(about(size, machine));
+    page.sections.push(about(how.size, machine));
     out.write("report.html", |w| page.write(w))?;
     out.write("report.md", |w| w.write_all(text.as_bytes()).map_err(io))?;
-    if let Some(png) = &forward_png {
-        out.write("forward.png", |w| w.write_all(png).map_err(io))?;
-    }
-    for (name, bytes) in results.iter().flat_map(|result| &result.pictures) {
-        out.write(name, |w| w.write_all(bytes).map_err(io))?;
-    }
-    if is_whole {
+    write_pictures(results, out)?;
+    if raced().next().is_some() {
         out.write("inverse.csv", |w| {
             let mut writer = csv::Writer::from_writer(w);
-            for row in results.iter().flat_map(|result| &result.rows) {
+            for row in raced().flat_map(|scene| &scene.rows) {
                 writer.serialize(row).map_err(csv_failed)?;
             }
             writer.flush().map_err(io)
         })?;
-        out.write("forward.csv", |w| csv_of(&meshes, w))?;
     }
-    out.write("plan.csv", |w| csv_of(&promises, w))?;
-    let json = json(results, machine, progress);
+    if !forward.is_empty() {
+        out.write("forward.csv", |w| meshes.write_csv(w))?;
+    }
+    if !scenes.is_empty() {
+        out.write("plan.csv", |w| promises.write_csv(w))?;
+    }
+    if !missing.is_empty() {
+        let words = format!("{incomplete}\n");
+        out.write("incomplete.txt", |w| w.write_all(words.as_bytes()).map_err(io))?;
+    }
+    let json = json(results, (machine, missing), progress);
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
+    let shown = [&choices, &chosen_meshes, &promises].into_iter().find(|table| !table.is_empty());
     let text = format!(
         "{}\n{}\nwritten to {}: {}; open report.html",
         machine.words(),
-        if is_whole { choices.markdown() } else { promises.markdown() },
+        shown.map(Table::markdown).unwrap_or_default(),
         out.path().display(),
         out.names().join(", ")
     );
     Ok(Answer { text, json })
 }
 
-fn choices_table(results: &[Findings]) -> Table {
+fn picture(bytes: &[u8], caption: &str) -> Block {
+    Block::Picture { bytes: bytes.to_vec(), caption: caption.to_owned() }
+}
+
+fn forward_picture(course: &ForwardCourse) -> Option<Block> {
+    let mut caption = format!("{}: {}", course.skin.scene, course.skin.what);
+    for why in &course.failures {
+        caption += &format!(". Failed: {why}");
+    }
+    Some(picture(course.picture.as_ref()?, &caption))
+}
+
+fn write_pictures<'a>(results: &'a Results, out: &mut OutFolder) -> Result<(), CliError> {
+    let of_skin = |course: &'a ForwardCourse| Some((course.skin.file, course.picture.as_ref()?));
+    let of_skins = results.forward.iter().filter_map(of_skin);
+    let of_scenes = results.scenes.iter().flat_map(|scene| &scene.pictures);
+    for (name, bytes) in of_skins.chain(of_scenes.map(|(name, bytes)| (*name, bytes))) {
+        out.write(name, |w| w.write_all(bytes).map_err(io))?;
+    }
+    Ok(())
+}
+
+fn choices_table<'a>(scenes: impl Iterator<Item = &'a Findings>) -> Table {
     let head: Vec<&str> = std::iter::once("scene").chain(best::HEAD).collect();
-    let rows = results.iter().flat_map(|result| {
+    let rows = scenes.flat_map(|result| {
         let named = |cells: Vec<String>| {
             std::iter::once(result.case.name.to_owned()).chain(cells).collect::<Vec<_>>()
         };
@@ -171,46 +173,6 @@ fn promise_table(results: &[Findings]) -> Table {
     )
 }
 
-fn forward_table(results: &[Findings]) -> Table {
-    let mut rows = Vec::new();
-    for (number, result) in results.iter().enumerate() {
-        if results[..number].iter().any(|before| before.case.scene == result.case.scene) {
-            continue;
-        }
-        for point in &result.forward.points {
-            rows.push(vec![
-                result.case.scene.to_owned(),
-                point.solver.clone(),
-                point.nodes.to_string(),
-                point.elements.to_string(),
-                format!("{:.3}", 1e3 * point.time.least_s),
-                format!("{:.3}", 1e3 * point.time.median_s),
-                format!("{:.3}", 1e3 * point.time.most_s),
-                format!("{:.3}", 1e3 * point.floor_s),
-                format!("{:.1e}", point.error),
-                result.forward.reference.clone(),
-            ]);
-        }
-    }
-    Table::new(
-        &[
-            "scene",
-            "solver",
-            "nodes",
-            "elements",
-            "least, ms",
-            "median",
-            "most",
-            "floor, ms",
-            "error",
-            "against",
-        ],
-        rows,
-        "Factorisation, voltages and Jacobian of the untouched skin with memory of earlier runs; \
-         error: the largest over the largest voltage.",
-    )
-}
-
 fn scene_table(result: &Findings) -> Table {
     let number = |value: Option<f64>, digits: usize| {
         value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
@@ -241,9 +203,6 @@ fn scene_table(result: &Findings) -> Table {
     let mut note = result.note.clone();
     for (solver, shape, why) in &result.failures {
         note += &format!(". Failed on {shape}: {solver}: {why}");
-    }
-    for why in &result.forward.failures {
-        note += &format!(". Failed: {why}");
     }
     Table::new(
         &[
@@ -302,6 +261,18 @@ fn about(size: &Size, machine: &Machine) -> Section {
                 .to_owned(),
         ),
         pair(
+            "forward problem",
+            "two families of meshes with linear and with quadratic elements, every mesh finer than the \
+             one before by the root of two: the same edge everywhere, or twice that inside and at \
+             electrode ends a quarter of an electrode's width at first, which falls with the square of \
+             the edge (of round patches with the edge). The untouched skin, or what a \
+             picture says. Errors are against the mesh-free series, whose own error is what more \
+             terms change, or against quadratic elements on a mesh that is finer everywhere and ever \
+             finer towards the ends of electrodes and the corners of holes, whose own error is the \
+             change from a mesh that is coarser by the factor 1.5"
+                .to_owned(),
+        ),
+        pair(
             "gap",
             "part by which the objective can still fall, proven by a dual point; a solver stops when \
              its proof is below what was asked"
@@ -311,7 +282,7 @@ fn about(size: &Size, machine: &Machine) -> Section {
     Section { title: "How to read it".to_owned(), blocks: vec![Block::List(pairs)] }
 }
 
-fn json(results: &[Findings], machine: &Machine, progress: &Progress) -> Value {
+fn json(results: &Results, (machine, missing): (&Machine, &[&str]), progress: &Progress) -> Value {
     let of_scene = |result: &Findings| {
         json!({
             "scene": result.case.name,
@@ -321,13 +292,6 @@ fn json(results: &[Findings], machine: &Machine, progress: &Progress) -> Value {
             "failures": result.failures.iter()
                 .map(|(solver, shape, why)| json!({"solver": solver, "shape": shape, "why": why}))
                 .collect::<Vec<_>>(),
-            "forward": {
-                "reference": result.forward.reference,
-                "meshes": result.forward.points.iter().map(|p| json!({
-                    "solver": p.solver, "nodes": p.nodes, "elements": p.elements, "time": p.time,
-                    "floor_s": p.floor_s, "error": p.error,
-                })).collect::<Vec<_>>(),
-            },
             "plans": result.promises.iter().map(|promise| json!({
                 "method": promise.method.name(),
                 "stages": promise.stages.iter().map(|(stage, planned_s, measured_s)| json!({
@@ -340,26 +304,9 @@ fn json(results: &[Findings], machine: &Machine, progress: &Progress) -> Value {
     };
     json!({
         "machine": machine,
-        "scenes": results.iter().map(of_scene).collect::<Vec<_>>(),
+        "missing": missing,
+        "forward": forward::json(&results.forward),
+        "scenes": results.scenes.iter().map(of_scene).collect::<Vec<_>>(),
         "stages": progress.times(),
     })
-}
-
-fn csv_of(table: &Table, out: &mut dyn std::io::Write) -> Result<(), CliError> {
-    let head: Vec<&str> = table.head.iter().map(String::as_str).collect();
-    csv(&head, &table.rows, out)
-}
-
-/// Comma-separated values; cells with commas, quotes or line breaks are quoted.
-fn csv(head: &[&str], rows: &[Vec<String>], out: &mut dyn std::io::Write) -> Result<(), CliError> {
-    let mut writer = csv::Writer::from_writer(out);
-    writer.write_record(head).map_err(csv_failed)?;
-    for row in rows {
-        writer.write_record(row).map_err(csv_failed)?;
-    }
-    writer.flush().map_err(io)
-}
-
-fn csv_failed(error: csv::Error) -> CliError {
-    CliError::Failure(format!("writing failed: {error}"))
 }

@@ -4,18 +4,19 @@
 //! installed). It gets arrays in a temporary folder and leaves its results there: times by its own
 //! clock, voltages and movies, which are judged here like ours.
 
+mod process;
+
 use super::inverse::Lane;
 use super::point::Spread;
 use crate::error::CliError;
 use crate::output::write_npy;
-use crate::pipeline::Setup;
-use crate::scene::Scene;
-use eit_mesh::Electrode;
-use ndarray::{Array1, Array2, ArrayBase, Data, Dimension};
+use eit_fem::Protocol;
+use eit_mesh::{Electrode, Mesh};
+use ndarray::{Array1, Array2, ArrayBase, ArrayView1, Data, Dimension};
 use ndarray_npy::ReadNpyExt as _;
 use serde::Deserialize;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 const SCRIPT: &str = include_str!("peers.py");
 
@@ -44,49 +45,42 @@ pub(super) struct PeerMovie {
 
 /// Whether the interpreter has what the script needs; before any work.
 pub(super) fn check(python: &Path) -> Result<(), CliError> {
-    let output = Command::new(python).args(["-c", "import numpy, scipy"]).output();
-    let output = output.map_err(|e| {
-        CliError::input(format!("--peers {}: cannot run it: {e}", python.display()))
-    })?;
-    if output.status.success() {
-        return Ok(());
-    }
-    let why = String::from_utf8_lossy(&output.stderr);
-    let last = why.trim().lines().last().unwrap_or("it failed").to_owned();
-    Err(CliError::input(format!(
-        "--peers {}: a Python with numpy and scipy is needed (scikit-sparse and pyeit are used where \
-         installed): {last}",
-        python.display()
-    )))
+    let tried = process::run(Command::new(python).args(["-c", "import numpy, scipy"]));
+    tried.map_err(|why| {
+        CliError::input(format!(
+            "--peers {}: a Python with numpy and scipy is needed (scikit-sparse and pyeit are used \
+             where installed): {why}",
+            python.display()
+        ))
+    })
 }
 
-/// Voltages of the untouched skin on a mesh.
+/// Voltages of a sheet on a mesh with a protocol, contact impedances, and siemens of each element.
 pub(super) fn forward(
     python: &Path,
-    scene: &Scene,
-    setup: &Setup,
+    mesh: &Mesh,
+    (protocol, impedance, sigma): (&Protocol, &[f64], &[f64]),
 ) -> Result<Vec<PeerVoltages>, CliError> {
     let folder = Folder::new()?;
-    let surface = setup.mesh.surface();
+    let surface = mesh.surface();
     let nodes = Array2::from_shape_fn((surface.nodes().len(), 3), |(n, k)| surface.nodes()[n][k]);
     let triangles = surface.triangles();
     let corners = Array2::from_shape_fn((triangles.len(), 3), |(e, k)| f64::from(triangles[e][k]));
     let mut edges = Vec::new();
-    for (number, electrode) in setup.mesh.electrodes().iter().enumerate() {
+    for (number, electrode) in mesh.electrodes().iter().enumerate() {
         // the script knows electrodes on the rim
         let Electrode::Rim(own) = electrode else { return Ok(Vec::new()) };
         edges.extend(own.iter().flat_map(|[a, b]| [f64::from(*a), f64::from(*b), number as f64]));
     }
     let edges = table(edges, 3)?;
-    let count = setup.mesh.electrodes().len();
-    let data = setup.protocol.data().iter().flatten().map(|i| f64::from(*i)).collect();
+    let data = protocol.data().iter().flatten().map(|i| f64::from(*i)).collect();
     folder.put("nodes", &nodes)?;
     folder.put("triangles", &corners)?;
     folder.put("edges", &edges)?;
-    folder.put("impedance", &Array1::from(scene.contact_impedance(count)?))?;
-    folder.put("sigma", &Array1::from_elem(triangles.len(), scene.skin.conductivity_s))?;
-    folder.put("stimulations", &setup.protocol.stimulations_a())?;
-    folder.put("patterns", &setup.protocol.measurement_patterns())?;
+    folder.put("impedance", &ArrayView1::from(impedance))?;
+    folder.put("sigma", &ArrayView1::from(sigma))?;
+    folder.put("stimulations", &protocol.stimulations_a())?;
+    folder.put("patterns", &protocol.measurement_patterns())?;
     folder.put("data", &table(data, 2)?)?;
     let told = folder.run(python)?;
     let mut found = Vec::new();
@@ -170,17 +164,8 @@ impl Folder {
     fn run(&self, python: &Path) -> Result<Vec<Told>, CliError> {
         let script = self.0.path().join("peers.py");
         std::fs::write(&script, SCRIPT).map_err(|e| CliError::at(&script, e))?;
-        let output = Command::new(python)
-            .arg(&script)
-            .arg(self.0.path())
-            .stdin(Stdio::null())
-            .output()
-            .map_err(|e| CliError::at(python, e))?;
-        if !output.status.success() {
-            let why = String::from_utf8_lossy(&output.stderr);
-            let last = why.trim().lines().last().unwrap_or("no reason given").to_owned();
-            return Err(CliError::Failure(format!("the Python peers failed: {last}")));
-        }
+        process::run(Command::new(python).arg(&script).arg(self.0.path()))
+            .map_err(|why| CliError::Failure(format!("the Python peers failed: {why}")))?;
         let path = self.0.path().join("results.json");
         let text = std::fs::read_to_string(&path).map_err(|e| CliError::at(&path, e))?;
         serde_json::from_str(&text).map_err(|e| CliError::at(&path, e))

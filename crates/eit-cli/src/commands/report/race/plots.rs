@@ -3,7 +3,7 @@
 use super::super::bench::Bench;
 use super::Recording;
 use super::case::Case;
-use super::forward::ForwardCourse;
+use super::forward::{ForwardCourse, OURS};
 use super::point::Course;
 use crate::draw;
 use crate::error::CliError;
@@ -97,36 +97,51 @@ fn series(rows: &[Measured], finest: usize) -> Vec<Series> {
     solvers.into_iter().map(one).collect()
 }
 
-/// Error of the voltages over time, one curve a scene.
-pub(super) fn forward(courses: &[(&str, &ForwardCourse)]) -> Result<Canvas, CliError> {
-    let mut series: Vec<Series> = Vec::new();
-    for (scene, course) in courses {
-        for point in &course.points {
-            let name = match point.solver.as_str() {
-                "ours" => (*scene).to_owned(),
-                peer => format!("{scene}, {peer}"),
-            };
-            let place = [point.time.median_s, point.error];
-            match series.iter_mut().find(|known| known.name == name) {
-                Some(known) => known.points.push(place),
-                None => {
-                    series.push(Series { name, points: vec![place], line: true, markers: true })
-                }
-            }
+/// Error of the voltages of a skin over time: kinds of elements and meshes, what time cannot be less
+/// than, peers.
+pub(super) fn forward(course: &ForwardCourse) -> Result<Canvas, CliError> {
+    let (mut ours, mut peers): (Vec<Series>, Vec<Series>) = (Vec::new(), Vec::new());
+    for point in &course.points {
+        let series = if point.solver == OURS { &mut ours } else { &mut peers };
+        let (name, place) = (point.curve(), [point.time.median_s, point.error]);
+        match series.iter_mut().find(|known| known.name == name) {
+            Some(known) => known.points.push(place),
+            None => series.push(Series { name, points: vec![place], line: true, markers: true }),
         }
     }
+    let (name, points) = ("floor of the best".to_owned(), floors(course));
+    ours.push(Series { name, points, line: true, markers: false });
+    ours.extend(peers);
     Ok(draw_plot(&Plot {
-        title: "Error of the voltages against run time".to_owned(),
-        footnote: "Factorisation, voltages and Jacobian, mesh by mesh; untouched skin; error: the \
-                   largest over the largest voltage"
-            .to_owned(),
+        title: format!("Error of the voltages against run time: {}", course.skin.scene),
+        footnote: format!(
+            "{}: {}. Time: median, factorisation, voltages and Jacobian, mesh by mesh. Error: the largest \
+             over the largest voltage, against {}. Floor: the same work at this machine's best rates",
+            course.skin.scene,
+            course.skin.what,
+            course.reference_words()
+        ),
         x_label: "time (s)".to_owned(),
         y_label: "error".to_owned(),
         x_log: true,
         y_log: true,
-        series,
+        series: ours,
         zoom: 2,
     })?)
+}
+
+/// The least error that some mesh of ours has within each floor, ascending in time.
+fn floors(course: &ForwardCourse) -> Vec<[f64; 2]> {
+    let ours = course.points.iter().filter(|point| point.solver == OURS);
+    let mut places: Vec<[f64; 2]> = ours.map(|point| [point.floor_s, point.error]).collect();
+    places.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut least = f64::INFINITY;
+    places.retain(|[_, error]| {
+        let better = *error < least;
+        least = least.min(*error);
+        better
+    });
+    places
 }
 
 /// The truth and every solver's image of the last frame that all have, one recording after the
