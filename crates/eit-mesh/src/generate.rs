@@ -22,13 +22,14 @@ pub struct MeshSettings {
     /// rim. `None`: a 38th of the side of the square
     /// that has the skin's area, about 2000 nodes.
     pub edge_m: Option<f64>,
-    /// Edge length at the ends of the electrodes, where the current density is singular, metres.
+    /// Edge length at the ends of the electrodes and at corners that reach into the skin (those of a
+    /// hole), where the current density is singular, metres.
     /// Also that on the outline of a patch, at most a twelfth of it.
     /// `None`: a sixth of the electrode's width (a third of a patch's radius), or `edge_m` where that is
-    /// smaller. Gaps and
-    /// corners may need shorter edges and get them.
+    /// smaller; at corners that of the finest electrode. Gaps and other corners may need shorter edges
+    /// and get them.
     pub electrode_edge_m: Option<f64>,
-    /// Growth of the edge length with distance from an electrode end, 0.05 to 0.5. Small values
+    /// Growth of the edge length with distance from such a place, 0.05 to 0.5. Small values
     /// give better triangles and more of them; above 0.4 the smallest angles can fall to 19 degrees.
     pub grading: f64,
     /// More nodes than this are an error.
