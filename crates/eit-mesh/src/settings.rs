@@ -12,16 +12,14 @@ pub struct MeshSettings {
     /// rim. `None`: a 38th of the side of the square
     /// that has the skin's area, about 2000 nodes.
     pub edge_m: Option<f64>,
-    /// Edge length at the ends of the electrodes, where the current density is singular, metres.
+    /// Edge length at the ends of the electrodes and at corners that reach into the skin (those of a
+    /// hole), where the current density is singular, metres.
     /// Also that on the outline of a patch, at most a twelfth of it.
     /// `None`: a sixth of the electrode's width (a third of a patch's radius), or `edge_m` where that is
-    /// smaller. Gaps and
-    /// corners may need shorter edges and get them.
+    /// smaller; at corners that of the finest electrode. Gaps and other corners may need shorter edges
+    /// and get them.
     pub electrode_edge_m: Option<f64>,
-    /// Edge length at corners that point into the skin, such as those of a rectangular hole, where the
-    /// current density is singular too, metres. `None`: as between other places of the rim.
-    pub corner_edge_m: Option<f64>,
-    /// Growth of the edge length with distance from an electrode end, 0.05 to 0.5. Small values
+    /// Growth of the edge length with distance from such a place, 0.05 to 0.5. Small values
     /// give better triangles and more of them; above 0.4 the smallest angles can fall to 19 degrees.
     pub grading: f64,
     /// More nodes than this are an error.
@@ -35,7 +33,6 @@ impl Default for MeshSettings {
         Self {
             edge_m: None,
             electrode_edge_m: None,
-            corner_edge_m: None,
             grading: 0.25,
             node_limit: 1_000_000,
             smoothing_rounds: 3,
@@ -52,7 +49,7 @@ impl MeshSettings {
     /// One of a family of similar meshes, for looking at convergence or for the mesh that just
     /// suffices: all edges shrink with `scale`. At 1 the inner ones are a ninth of the side of the
     /// square that has the skin's area (some hundred nodes), those at electrode ends and at corners that
-    /// point into the skin a quarter of that, or a third of `electrode_m` where this is smaller: the
+    /// reach into the skin a quarter of that, or a third of `electrode_m` where this is smaller: the
     /// width of the narrowest electrode, or diameter of a patch.
     ///
     /// # Errors
@@ -73,18 +70,13 @@ impl MeshSettings {
         Ok(Self {
             edge_m: Some(stretch(shape) * edge_m),
             electrode_edge_m: Some(end_m),
-            corner_edge_m: Some(end_m),
             ..self.clone()
         })
     }
 
     /// Every edge length that is set, with its name.
-    pub(crate) fn edges(&self) -> [(&'static str, Option<f64>); 3] {
-        [
-            ("edge_m", self.edge_m),
-            ("electrode_edge_m", self.electrode_edge_m),
-            ("corner_edge_m", self.corner_edge_m),
-        ]
+    pub(crate) fn edges(&self) -> [(&'static str, Option<f64>); 2] {
+        [("edge_m", self.edge_m), ("electrode_edge_m", self.electrode_edge_m)]
     }
 
     /// Checks every number.

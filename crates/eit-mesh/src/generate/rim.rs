@@ -35,8 +35,8 @@ const FEWEST_CHORDS: f64 = 12.0;
 #[derive(Clone, Copy)]
 struct Breakpoint {
     s_m: f64,
-    /// Wanted edge length at an electrode end or a corner that points into the skin; `None` at other
-    /// corners.
+    /// Wanted edge length at an electrode end and at a corner that reaches into the skin; `None` at
+    /// another corner.
     end_size_m: Option<f64>,
 }
 
@@ -52,13 +52,17 @@ pub(crate) fn cut(
     (edge_m, patch_edges_m): (f64, &[f64]),
 ) -> Result<(Rim, SizeField), MeshError> {
     let skin_loops = outline.loops().len() - patch_edges_m.len();
+    let end_m = |width_m: f64| settings.electrode_edge_m.unwrap_or(width_m / 6.0).min(edge_m);
+    // as fine as the finest electrode
+    let ends_m = electrodes.iter().map(|e| end_m(e.width_m)).chain(patch_edges_m.iter().copied());
+    let corner_m = ends_m.fold(edge_m, f64::min);
     let mut sources = Vec::new();
     let mut breakpoints = Vec::new();
     for (index, l) in outline.loops().iter().enumerate() {
         let on_loop: Vec<_> = electrodes.iter().filter(|e| e.loop_index == index).collect();
         let places = match index.checked_sub(skin_loops).and_then(|k| patch_edges_m.get(k)) {
             Some(&patch_edge_m) => patch_places(l, patch_edge_m),
-            None => breakpoints_of(l, &on_loop, settings, edge_m, outline.resolution_m()),
+            None => breakpoints_of(l, &on_loop, (&end_m, corner_m), outline.resolution_m()),
         };
         for (k, place) in places.iter().enumerate() {
             let shorter = span(&places, k + places.len() - 1, l).min(span(&places, k, l));
@@ -170,8 +174,7 @@ fn number(outline: &Outline, cuts: &[Vec<f64>], electrodes: &[RimInterval]) -> R
 fn breakpoints_of(
     l: &Loop,
     electrodes: &[&RimInterval],
-    settings: &MeshSettings,
-    edge_m: f64,
+    (end_m, corner_m): (&dyn Fn(f64) -> f64, f64),
     resolution_m: f64,
 ) -> Vec<Breakpoint> {
     let length_m = l.length_m();
@@ -179,18 +182,20 @@ fn breakpoints_of(
         let d = (a - b).rem_euclid(length_m);
         d.min(length_m - d)
     };
-    let corner = |&s_m: &f64| Breakpoint {
+    let corner = |(k, &s_m): (usize, &f64)| Breakpoint {
         s_m,
-        end_size_m: settings.corner_edge_m.filter(|_| l.points_in(s_m)).map(|e| e.min(edge_m)),
+        end_size_m: l.reaches_in(k).then_some(corner_m),
     };
-    let mut places: Vec<_> = l.corners_m().iter().map(corner).collect();
+    let mut places: Vec<_> = l.corners_m().iter().enumerate().map(corner).collect();
     let corners = places.len();
     for e in electrodes {
-        let size = settings.electrode_edge_m.unwrap_or(e.width_m / 6.0).min(edge_m);
+        let size = end_m(e.width_m);
         for s_m in [e.start_m, (e.start_m + e.width_m).rem_euclid(length_m)] {
             let near = places[..corners].iter_mut().find(|p| apart(p.s_m, s_m) <= resolution_m);
             match near {
-                Some(corner) => corner.end_size_m = Some(size),
+                Some(corner) => {
+                    corner.end_size_m = Some(corner.end_size_m.map_or(size, |own| own.min(size)));
+                }
                 None => places.push(Breakpoint { s_m, end_size_m: Some(size) }),
             }
         }

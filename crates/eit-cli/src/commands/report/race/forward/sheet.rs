@@ -1,9 +1,10 @@
 //! A skin that is meshed anew and anew: families of meshes, and those that stand for the truth.
 //!
 //! Each mesh of a family is finer than the one before by the root of two. *even*: the same edge
-//! everywhere. *graded*: twice that edge inside, and at electrode ends a quarter of an electrode's
-//! width at first, which falls with the square of the edge: what is left of the singularity there falls
-//! like the rest. On the outline of a patch, which has none, it falls with the edge.
+//! everywhere. *graded*: twice that edge inside, and at electrode ends, and at corners that reach into
+//! the skin, a quarter of an electrode's width at first, which falls with the square of the edge: what is
+//! left of the singularity there falls like the rest. On the outline of a patch, which has none, it falls
+//! with the edge.
 
 use super::super::skins::Skin;
 use crate::error::CliError;
@@ -124,12 +125,19 @@ impl Sheet {
 
     /// The skin meshed by settings.
     pub fn mesh(&self, settings: &MeshSettings) -> Result<Mesh, CliError> {
-        self.build(settings.clone(), |shape| shape)
+        let settings = settings.clone();
+        let made = match self.scene.mesh(None)? {
+            SceneMesh::Generated { shape, electrodes, .. } => {
+                SceneMesh::Generated { shape, electrodes, settings }
+            }
+            file => file,
+        };
+        made.build()
     }
 
     /// A mesh that stands for the truth with quadratic elements, the finer the smaller `scale` is; 1
-    /// is the finest that is quick enough. Ever finer towards electrode ends, and towards corners that
-    /// reach into the skin, which the meshes of the families do not know.
+    /// is the finest that is quick enough. Ever finer towards electrode ends and corners that reach into
+    /// the skin.
     pub fn reference_mesh(&self, scale: f64) -> Result<Mesh, CliError> {
         let edges = REFERENCE_EDGES[usize::from(!self.is_even())];
         let end_m = match self.has_patches {
@@ -140,21 +148,7 @@ impl Sheet {
             grading: scale * REFERENCE_GRADING,
             ..self.with_edges(scale * self.side_m / edges, scale * end_m)
         };
-        self.build(settings, towards_corners)
-    }
-
-    fn build(
-        &self,
-        settings: MeshSettings,
-        reshaped: impl FnOnce(SkinShape) -> SkinShape,
-    ) -> Result<Mesh, CliError> {
-        let made = match self.scene.mesh(None)? {
-            SceneMesh::Generated { shape, electrodes, .. } => {
-                SceneMesh::Generated { shape: reshaped(shape), electrodes, settings }
-            }
-            file => file,
-        };
-        made.build()
+        self.mesh(&settings)
     }
 
     /// Siemens of each element: under fingers that of its centroid.
@@ -175,79 +169,11 @@ impl Sheet {
     }
 }
 
-/// A polygon with nodes on its sides that close in, by halves, on every corner that reaches into the
-/// skin: the current density there has no bound.
-fn towards_corners(shape: SkinShape) -> SkinShape {
-    match shape {
-        SkinShape::Polygon { outline_m, holes_m } => SkinShape::Polygon {
-            outline_m: closing_in(&outline_m, -1.0),
-            holes_m: holes_m.iter().map(|hole| closing_in(hole, 1.0)).collect(),
-        },
-        other => other,
-    }
-}
-
-/// Halvings toward a corner, from this part of its sides on.
-const HALVINGS: i32 = 18;
-const FIRST_PART: f64 = 0.3;
-
-/// A loop with more nodes at those of its corners that turn the way of the loop (`sense` 1) or against
-/// it (-1).
-fn closing_in(corners: &[[f64; 2]], sense: f64) -> Vec<[f64; 2]> {
-    let count = corners.len();
-    let turn = |a: [f64; 2], b: [f64; 2], c: [f64; 2]| {
-        (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
-    };
-    // twice the area, counter-clockwise above zero
-    let around: f64 =
-        (1..count.saturating_sub(1)).map(|k| turn(corners[0], corners[k], corners[k + 1])).sum();
-    let mut closer = Vec::new();
-    for k in 0..count {
-        let (before, at, after) =
-            (corners[(k + count - 1) % count], corners[k], corners[(k + 1) % count]);
-        let on_the_way = |to: [f64; 2], halvings: i32| {
-            let part = FIRST_PART * 0.5_f64.powi(halvings);
-            [at[0] + part * (to[0] - at[0]), at[1] + part * (to[1] - at[1])]
-        };
-        let reaches_in = sense * around * turn(before, at, after) > 0.0;
-        if reaches_in {
-            closer.extend((0..=HALVINGS).map(|n| on_the_way(before, n)));
-        }
-        closer.push(at);
-        if reaches_in {
-            closer.extend((0..=HALVINGS).rev().map(|n| on_the_way(after, n)));
-        }
-    }
-    closer
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Only corners that reach into the skin get more nodes, whichever way the loop runs.
-    #[test]
-    fn corners_that_reach_into_the_skin_are_closed_in_on() {
-        let more = 2 * (HALVINGS as usize + 1);
-        let square = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
-        let backwards: Vec<[f64; 2]> = square.iter().rev().copied().collect();
-        for corners in [&square, &backwards] {
-            assert_eq!(closing_in(corners, -1.0).len(), 4, "an outline's corners do not");
-            let hole = closing_in(corners, 1.0);
-            assert_eq!(hole.len(), 4 + 4 * more, "a hole's do");
-            let length: f64 = (0..hole.len())
-                .map(|k| {
-                    let [a, b] = [hole[k], hole[(k + 1) % hole.len()]];
-                    (a[0] - b[0]).hypot(a[1] - b[1])
-                })
-                .sum();
-            assert!((length - 4.0).abs() < 1e-12, "in order along the sides: {length}");
-        }
-        let bent = [[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 1.0], [1.0, 2.0], [0.0, 2.0]];
-        assert_eq!(closing_in(&bent, -1.0).len(), 6 + more, "one corner of six");
-    }
-
-    /// Families start alike and become finer; every skin of the report can be meshed for reference.
+    /// Families start alike and become finer.
     #[test]
     fn families_become_finer() {
         for skin in super::super::super::skins::SKINS {
