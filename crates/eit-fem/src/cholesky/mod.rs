@@ -17,7 +17,7 @@
 //!
 //! Numbers are real or complex; complex matrices are symmetric, not Hermitian: nothing is conjugated.
 //! A complex product is four real ones, so that four times the real time is what the same rate would
-//! give; measured are 2.8 times at 2 000 nodes and 3.3 at 20 000 (`docs/PERFORMANCE.md`): places, tree
+//! give; measured are 2.7 times at 2 000 nodes and 3.3 at 20 000 (`docs/PERFORMANCE.md`): places, tree
 //! and branches are the real ones, and twice the arithmetic stands behind every value moved.
 //!
 //! Rounding is that of Cholesky's method in any order of its sums; the result is the same for any
