@@ -68,7 +68,7 @@ pub(crate) struct Factor<T = f64> {
     trailing: Mat<T>,
 }
 
-impl<T> Factor<T> {
+impl<T: Scalar> Factor<T> {
     /// Numbers of matrix values, factor entries and entries of scratch memory.
     pub fn sizes(&self) -> (usize, usize, usize) {
         let (factor, stack) = self.numbers.sizes();

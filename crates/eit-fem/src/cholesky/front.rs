@@ -1,9 +1,10 @@
 //! Arithmetic of one front. Everything here is `inline(always)`, so that it is compiled for the
 //! widest registers of the machine inside `pulp`'s dispatch.
 //!
-//! A panel is `[column, row]` with `stride` rows a column, a multiple of [`LANES`], as is the first
-//! row below its columns; what is left of a front is `[column, row]`, its lower triangle. Sums stay
-//! in registers: four columns of eight rows are eight of the sixteen registers of 256 bits.
+//! A panel is `[column, plane, row]` with `stride` rows a column, a multiple of [`LANES`], as is the
+//! first row below its columns; what is left of a front is `[column, plane, row]`, its lower triangle.
+//! Real numbers have one plane, complex ones two ([`crate::scalar`]). Sums stay in registers: four
+//! columns of eight rows, complex ones of four, are eight of the sixteen registers of 256 bits.
 
 #![allow(clippy::needless_range_loop, reason = "rows and columns of small tiles, by their indices")]
 
@@ -17,24 +18,24 @@ const WIDE: usize = 2 * LANES;
 /// is not above zero and finite is the error.
 #[inline(always)]
 pub(super) fn eliminate<T: Scalar>(
-    panel: &mut [T],
+    panel: &mut [f64],
     columns: usize,
     stride: usize,
     direction: T,
 ) -> Result<(), usize> {
-    let mut at = 0;
+    let (mut at, length) = (0, T::PLANES * stride);
     while at < columns {
-        let (done, rest) = panel.split_at_mut(at * stride);
+        let (done, rest) = panel.split_at_mut(at * length);
         let failed = |column: usize| at + column;
         at += match columns - at {
             1 => {
-                block::<T, 1>(done, &mut rest[..stride], (at, stride), direction).map_err(failed)?
+                block::<T, 1>(done, &mut rest[..length], (at, stride), direction).map_err(failed)?
             }
-            2 => block::<T, 2>(done, &mut rest[..2 * stride], (at, stride), direction)
+            2 => block::<T, 2>(done, &mut rest[..2 * length], (at, stride), direction)
                 .map_err(failed)?,
-            3 => block::<T, 3>(done, &mut rest[..3 * stride], (at, stride), direction)
+            3 => block::<T, 3>(done, &mut rest[..3 * length], (at, stride), direction)
                 .map_err(failed)?,
-            _ => block::<T, 4>(done, &mut rest[..4 * stride], (at, stride), direction)
+            _ => block::<T, 4>(done, &mut rest[..4 * length], (at, stride), direction)
                 .map_err(failed)?,
         };
     }
@@ -44,18 +45,18 @@ pub(super) fn eliminate<T: Scalar>(
 /// Columns `at..at + W`, from those that are done: returns `W`.
 #[inline(always)]
 fn block<T: Scalar, const W: usize>(
-    done: &[T],
-    own: &mut [T],
+    done: &[f64],
+    own: &mut [f64],
     (at, stride): (usize, usize),
     direction: T,
 ) -> Result<usize, usize> {
     let zero = T::from(0.0);
-    let head = updated::<T, W, LANES>(done, stride, at, at, tile(own, stride, at));
+    let head = updated::<T, W, LANES>(done, stride, at, at, tile::<T, W, LANES>(own, stride, at));
     let mut lower = [[zero; W]; W];
     let mut inverse = [zero; W];
     for c in 0..W {
         for r in c..W {
-            let mut sum = head[c][r];
+            let mut sum = T::lane(&head[c], r);
             for k in 0..c {
                 sum = sum.less_product(lower[r][k], lower[c][k]);
             }
@@ -67,29 +68,59 @@ fn block<T: Scalar, const W: usize>(
             }
         }
     }
-    let corner: [[T; LANES]; W] =
-        std::array::from_fn(|c| std::array::from_fn(|r| if r < W { lower[r][c] } else { zero }));
-    store(&corner, own, stride, at);
+    let corner: [T::Lanes<LANES>; W] = std::array::from_fn(|c| {
+        T::lanes(std::array::from_fn(|r| if r < W { lower[r][c] } else { zero }))
+    });
+    store::<T, W, LANES>(&corner, own, stride, at);
     let mut row = at + LANES;
-    while row + WIDE <= stride {
-        let mut sums = updated::<T, W, WIDE>(done, stride, at, row, tile(own, stride, row));
-        divide(&lower, &inverse, &mut sums);
-        store(&sums, own, stride, row);
+    while T::WIDE_TILES && row + WIDE <= stride {
+        let sums = tile::<T, W, WIDE>(own, stride, row);
+        let mut sums = updated::<T, W, WIDE>(done, stride, at, row, sums);
+        divide::<T, W, WIDE>(&lower, &inverse, &mut sums);
+        store::<T, W, WIDE>(&sums, own, stride, row);
         row += WIDE;
     }
-    if row < stride {
-        let mut sums = updated::<T, W, LANES>(done, stride, at, row, tile(own, stride, row));
-        divide(&lower, &inverse, &mut sums);
-        store(&sums, own, stride, row);
+    while row < stride {
+        let sums = tile::<T, W, LANES>(own, stride, row);
+        let mut sums = updated::<T, W, LANES>(done, stride, at, row, sums);
+        divide::<T, W, LANES>(&lower, &inverse, &mut sums);
+        store::<T, W, LANES>(&sums, own, stride, row);
+        row += LANES;
     }
     Ok(W)
 }
 
+/// Matrix entries to their places, which count the rows of a panel without planes; `starts` of its
+/// columns.
+#[inline(always)]
+pub(super) fn enter<T: Scalar>(
+    panel: &mut [f64],
+    stride: usize,
+    starts: &[u32],
+    (places, values): (&[u32], &[T]),
+) {
+    let all = starts[0] as usize..starts[starts.len() - 1] as usize;
+    if T::PLANES == 1 {
+        // columns of a few entries, one after the other, would cost a branch each
+        for (&place, value) in places[all.clone()].iter().zip(&values[all]) {
+            value.write(&mut panel[place as usize..], stride);
+        }
+        return;
+    }
+    for (column, ends) in starts.windows(2).enumerate() {
+        let own = ends[0] as usize..ends[1] as usize;
+        let before = (T::PLANES - 1) * column * stride;
+        for (&place, value) in places[own.clone()].iter().zip(&values[own]) {
+            value.write(&mut panel[before + place as usize..], stride);
+        }
+    }
+}
+
 /// Zeros in the lower triangle of what will be left of a front, in whole tiles.
 #[inline(always)]
-pub(super) fn clear<T: Scalar>(rest: &mut [T], side: usize) {
-    for j in 0..side {
-        rest[j * side + j / LANES * LANES..(j + 1) * side].fill(T::from(0.0));
+pub(super) fn clear<T: Scalar>(rest: &mut [f64], side: usize) {
+    for (at, plane) in rest.chunks_exact_mut(side.max(1)).enumerate() {
+        plane[at / T::PLANES / LANES * LANES..].fill(0.0);
     }
 }
 
@@ -97,28 +128,37 @@ pub(super) fn clear<T: Scalar>(rest: &mut [T], side: usize) {
 /// nothing is there yet (`FRESH`).
 #[inline(always)]
 pub(super) fn subtract<T: Scalar, const FRESH: bool>(
-    panel: &[T],
+    panel: &[f64],
     padded: usize,
     stride: usize,
-    rest: &mut [T],
+    rest: &mut [f64],
 ) {
     let (side, zero) = (stride - padded, T::from(0.0));
     if side == 0 {
         return;
     }
-    for (column, own) in rest.chunks_exact_mut(LANES * side).enumerate() {
+    for (column, own) in rest.chunks_exact_mut(LANES * T::PLANES * side).enumerate() {
         let column = column * LANES;
         let mut row = column;
-        while row + WIDE <= side {
-            let sums = if FRESH { [[zero; WIDE]; LANES] } else { tile(own, side, row) };
-            let sums = updated(panel, stride, padded + column, padded + row, sums);
-            store(&sums, own, side, row);
+        while T::WIDE_TILES && row + WIDE <= side {
+            let sums = match FRESH {
+                true => [T::lanes([zero; WIDE]); LANES],
+                false => tile::<T, LANES, WIDE>(own, side, row),
+            };
+            let (factor, from) = (padded + column, padded + row);
+            let sums = updated::<T, LANES, WIDE>(panel, stride, factor, from, sums);
+            store::<T, LANES, WIDE>(&sums, own, side, row);
             row += WIDE;
         }
-        if row < side {
-            let sums = if FRESH { [[zero; LANES]; LANES] } else { tile(own, side, row) };
-            let sums = updated(panel, stride, padded + column, padded + row, sums);
-            store(&sums, own, side, row);
+        while row < side {
+            let sums = match FRESH {
+                true => [T::lanes([zero; LANES]); LANES],
+                false => tile::<T, LANES, LANES>(own, side, row),
+            };
+            let (factor, from) = (padded + column, padded + row);
+            let sums = updated::<T, LANES, LANES>(panel, stride, factor, from, sums);
+            store::<T, LANES, LANES>(&sums, own, side, row);
+            row += LANES;
         }
     }
 }
@@ -126,19 +166,17 @@ pub(super) fn subtract<T: Scalar, const FRESH: bool>(
 /// `sums[c][r] - sum over the columns of `done` of done[row + r] done[factor + c]`.
 #[inline(always)]
 fn updated<T: Scalar, const W: usize, const R: usize>(
-    done: &[T],
+    done: &[f64],
     stride: usize,
     factor: usize,
     row: usize,
-    mut sums: [[T; R]; W],
-) -> [[T; R]; W] {
-    for column in done.chunks_exact(stride) {
-        let rows: [T; R] = load(&column[row..]);
-        let factors: [T; W] = load(&column[factor..]);
+    mut sums: [T::Lanes<R>; W],
+) -> [T::Lanes<R>; W] {
+    for column in done.chunks_exact(T::PLANES * stride) {
+        let rows = T::load::<R>(&column[row..], stride);
+        let factors = T::load::<W>(&column[factor..], stride);
         for c in 0..W {
-            for r in 0..R {
-                sums[c][r] = sums[c][r].less_product(factors[c], rows[r]);
-            }
+            T::less_products(&mut sums[c], T::lane(&factors, c), &rows);
         }
     }
     sums
@@ -149,43 +187,35 @@ fn updated<T: Scalar, const W: usize, const R: usize>(
 fn divide<T: Scalar, const W: usize, const R: usize>(
     lower: &[[T; W]; W],
     inverse: &[T; W],
-    sums: &mut [[T; R]; W],
+    sums: &mut [T::Lanes<R>; W],
 ) {
     for c in 0..W {
         for k in 0..c {
-            for r in 0..R {
-                sums[c][r] = sums[c][r].less_product(lower[c][k], sums[k][r]);
-            }
+            let known = sums[k];
+            T::less_products(&mut sums[c], lower[c][k], &known);
         }
-        sums[c].iter_mut().for_each(|s| *s *= inverse[c]);
+        T::scale(&mut sums[c], inverse[c]);
     }
 }
 
 #[inline(always)]
 fn tile<T: Scalar, const W: usize, const R: usize>(
-    from: &[T],
+    from: &[f64],
     stride: usize,
     row: usize,
-) -> [[T; R]; W] {
-    std::array::from_fn(|c| load(&from[c * stride + row..]))
-}
-
-#[inline(always)]
-fn load<T: Scalar, const R: usize>(from: &[T]) -> [T; R] {
-    let mut values = [T::from(0.0); R];
-    values.copy_from_slice(&from[..R]);
-    values
+) -> [T::Lanes<R>; W] {
+    std::array::from_fn(|c| T::load(&from[c * T::PLANES * stride + row..], stride))
 }
 
 #[inline(always)]
 fn store<T: Scalar, const W: usize, const R: usize>(
-    sums: &[[T; R]; W],
-    to: &mut [T],
+    sums: &[T::Lanes<R>; W],
+    to: &mut [f64],
     stride: usize,
     row: usize,
 ) {
     for (c, sums) in sums.iter().enumerate() {
-        to[c * stride + row..][..R].copy_from_slice(sums);
+        T::store(sums, &mut to[c * T::PLANES * stride + row..], stride);
     }
 }
 
@@ -193,42 +223,46 @@ fn store<T: Scalar, const W: usize, const R: usize>(
 /// parent's local rows.
 #[inline(always)]
 pub(super) fn add_child<T: Scalar>(
-    child: &[T],
+    child: &[f64],
     side: usize,
     places: &[u32],
-    (panel, stride): (&mut [T], usize),
-    (rest, padded): (&mut [T], usize),
+    (panel, stride): (&mut [f64], usize),
+    (rest, padded): (&mut [f64], usize),
 ) {
     let rest_side = stride - padded;
     for (j, &place) in places.iter().enumerate() {
-        let values = &child[j * side + j..][..places.len() - j];
         let place = place as usize;
-        let (column, before) = if place < padded {
-            (&mut panel[place * stride..][..stride], 0)
+        let (column, width, before) = if place < padded {
+            (&mut panel[place * T::PLANES * stride..][..T::PLANES * stride], stride, 0)
         } else {
-            (&mut rest[(place - padded) * rest_side..][..rest_side], padded)
+            let length = T::PLANES * rest_side;
+            (&mut rest[(place - padded) * length..][..length], rest_side, padded)
         };
-        for (&row, value) in places[j..].iter().zip(values) {
-            column[row as usize - before] += *value;
+        for plane in 0..T::PLANES {
+            let values = &child[(j * T::PLANES + plane) * side + j..][..places.len() - j];
+            let column = &mut column[plane * width..][..width];
+            for (&row, value) in places[j..].iter().zip(values) {
+                column[row as usize - before] += *value;
+            }
         }
     }
 }
 
 /// The columns of a panel in the backward sweep: `x = L^-T (x - below)` on the local rows `x`
-/// `[row, lane]` of `lanes` values each, a multiple of [`LANES`], of which the rows below the
+/// `[row, plane, lane]` of `lanes` numbers each, a multiple of [`LANES`], of which the rows below the
 /// columns are solved for.
 #[inline(always)]
 pub(super) fn sweep_back<T: Scalar>(
-    panel: &[T],
+    panel: &[f64],
     columns: usize,
     stride: usize,
-    x: &mut [T],
+    x: &mut [f64],
     lanes: usize,
 ) {
-    let mut at = columns.next_multiple_of(LANES);
+    let (mut at, length) = (columns.next_multiple_of(LANES), T::PLANES * stride);
     while at > 0 {
         at -= LANES;
-        let own = &panel[at * stride..columns.min(at + LANES) * stride];
+        let own = &panel[at * length..columns.min(at + LANES) * length];
         match columns - at {
             1 => sweep_block::<T, 1>(own, at, stride, x, lanes),
             2 => sweep_block::<T, 2>(own, at, stride, x, lanes),
@@ -240,57 +274,63 @@ pub(super) fn sweep_back<T: Scalar>(
 
 #[inline(always)]
 fn sweep_block<T: Scalar, const W: usize>(
-    own: &[T],
+    own: &[f64],
     at: usize,
     stride: usize,
-    x: &mut [T],
+    x: &mut [f64],
     lanes: usize,
 ) {
     let mut lane = 0;
-    while lane + WIDE <= lanes {
+    while T::WIDE_TILES && lane + WIDE <= lanes {
         sweep_tile::<T, W, WIDE>(own, at, stride, x, lanes, lane);
         lane += WIDE;
     }
-    if lane < lanes {
+    while lane < lanes {
         sweep_tile::<T, W, LANES>(own, at, stride, x, lanes, lane);
+        lane += LANES;
     }
 }
 
 #[inline(always)]
 fn sweep_tile<T: Scalar, const W: usize, const R: usize>(
-    own: &[T],
+    own: &[f64],
     at: usize,
     stride: usize,
-    x: &mut [T],
+    x: &mut [f64],
     lanes: usize,
     lane: usize,
 ) {
-    let (head, tail) = x.split_at_mut((at + LANES) * lanes);
-    let mut sums: [[T; R]; W] = std::array::from_fn(|c| load(&head[(at + c) * lanes + lane..]));
-    let columns: [&[T]; W] =
-        std::array::from_fn(|c| &own[c * stride + at + LANES..(c + 1) * stride]);
-    for (row, known) in tail.chunks_exact(lanes).take(stride - at - LANES).enumerate() {
+    let (width, length, zero) = (T::PLANES * lanes, T::PLANES * stride, T::from(0.0));
+    let (head, tail) = x.split_at_mut((at + LANES) * width);
+    let mut sums: [T::Lanes<R>; W] =
+        std::array::from_fn(|c| T::load(&head[(at + c) * width + lane..], lanes));
+    let columns: [&[f64]; W] =
+        std::array::from_fn(|c| &own[c * length + at + LANES..(c + 1) * length]);
+    for (row, known) in tail.chunks_exact(width).take(stride - at - LANES).enumerate() {
         // everything is loaded first: nothing between the sums can fail
-        let known: [T; R] = load(&known[lane..]);
-        let factors: [T; W] = std::array::from_fn(|c| columns[c][row]);
+        let known = T::load::<R>(&known[lane..], lanes);
+        let mut factors = [zero; W];
         for c in 0..W {
-            for r in 0..R {
-                sums[c][r] = sums[c][r].less_product(factors[c], known[r]);
-            }
+            factors[c] = T::read(columns[c], row, stride);
+        }
+        for c in 0..W {
+            T::less_products(&mut sums[c], factors[c], &known);
         }
     }
-    let corner: [[T; W]; W] =
-        std::array::from_fn(|c| std::array::from_fn(|k| own[c * stride + at + k]));
+    let mut corner = [[zero; W]; W];
+    for c in 0..W {
+        for k in c..W {
+            corner[c][k] = T::read(own, c * length + at + k, stride);
+        }
+    }
     for c in (0..W).rev() {
         for k in c + 1..W {
-            for r in 0..R {
-                sums[c][r] = sums[c][r].less_product(corner[c][k], sums[k][r]);
-            }
+            let known = sums[k];
+            T::less_products(&mut sums[c], corner[c][k], &known);
         }
-        let inverse = corner[c][c].inverse();
-        sums[c].iter_mut().for_each(|s| *s *= inverse);
+        T::scale(&mut sums[c], corner[c][c].inverse());
     }
     for (c, sums) in sums.iter().enumerate() {
-        head[(at + c) * lanes + lane..][..R].copy_from_slice(sums);
+        T::store(sums, &mut head[(at + c) * width + lane..], lanes);
     }
 }
