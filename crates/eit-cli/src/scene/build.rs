@@ -1,97 +1,13 @@
 //! From the scene's keys to the settings of the library crates.
 
+use super::mesh::{SceneElectrodes, SceneMesh};
 use super::{
-    AccuracyKeys, AccuracyRule, DifferenceKind, Direction, Driven, ElementKeys, OneOrMany, Order,
-    Pair, Position, Scene, Shape, plain,
+    AccuracyKeys, AccuracyRule, DifferenceKind, Direction, ElementKeys, OneOrMany, Pair, Position,
+    Scene, Shape, plain,
 };
 use crate::error::CliError;
-use eit_fem::{DrivenElectrodes, Elements, PairPattern, PairProtocol, Protocol, RequiredAccuracy};
+use eit_fem::{Elements, Protocol, RequiredAccuracy};
 use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
-use std::path::{Path, PathBuf};
-
-/// Drive current where the scene states none, ampere.
-pub(super) const DEFAULT_CURRENT_A: f64 = 1e-4;
-
-/// `protocol.drive` of currents on all electrodes at once.
-const TRIGONOMETRIC: &str = "trigonometric";
-
-/// How a scene's mesh comes about.
-pub(crate) enum SceneMesh {
-    /// Generated from a shape.
-    Generated { shape: SkinShape, electrodes: SceneElectrodes, settings: MeshSettings },
-    /// Read from a file, in units of `scale_m` metres; with electrodes put on it where it has none.
-    File { path: PathBuf, scale_m: f64, electrodes: Vec<PlacedElectrode>, settings: MeshSettings },
-}
-
-/// The electrodes that a scene describes.
-pub(crate) enum SceneElectrodes {
-    /// All on the rim and of one width.
-    Rim(RimElectrodes),
-    /// Each at its place and of its size.
-    Placed(Vec<PlacedElectrode>),
-}
-
-impl SceneElectrodes {
-    fn count(&self) -> usize {
-        match self {
-            Self::Rim(electrodes) => electrodes.count(),
-            Self::Placed(electrodes) => electrodes.len(),
-        }
-    }
-}
-
-impl SceneMesh {
-    /// A mesh file that brings its electrodes.
-    pub fn file(path: &Path) -> Self {
-        let (electrodes, settings) = (Vec::new(), MeshSettings::default());
-        Self::File { path: path.to_path_buf(), scale_m: 1.0, electrodes, settings }
-    }
-
-    /// Number of electrodes, where it is known before meshing.
-    pub fn electrodes(&self) -> Option<usize> {
-        match self {
-            Self::Generated { electrodes, .. } => Some(electrodes.count()),
-            Self::File { electrodes, .. } if electrodes.is_empty() => None,
-            Self::File { electrodes, .. } => Some(electrodes.len()),
-        }
-    }
-
-    /// Generates or reads the mesh.
-    pub fn build(&self) -> Result<Mesh, CliError> {
-        self.build_noted().map(|(mesh, _)| mesh)
-    }
-
-    /// The mesh, and what was mended in the file that it came from.
-    pub fn build_noted(&self) -> Result<(Mesh, Vec<String>), CliError> {
-        let (path, scale_m, electrodes, settings) = match self {
-            Self::Generated { shape, electrodes: SceneElectrodes::Rim(rim), settings } => {
-                return Ok((eit_mesh::generate(shape, rim, settings)?, Vec::new()));
-            }
-            Self::Generated { shape, electrodes: SceneElectrodes::Placed(placed), settings } => {
-                return Ok((eit_mesh::generate_placed(shape, placed, settings)?, Vec::new()));
-            }
-            Self::File { path, scale_m, electrodes, settings } => {
-                (path, *scale_m, electrodes, settings)
-            }
-        };
-        // a file that cannot be read is bad input, unlike one that cannot be written
-        let (mesh, repairs) =
-            eit_mesh::read_mesh(path, scale_m).map_err(|e| CliError::input(e.to_string()))?;
-        let notes = repairs.notes().into_iter().map(|n| format!("{}: {n}", path.display()));
-        let notes = notes.collect();
-        if electrodes.is_empty() {
-            return Ok((mesh, notes));
-        }
-        let own = mesh.electrodes().len();
-        if own > 0 {
-            return Err(CliError::input(format!(
-                "{} brings {own} electrodes and the scene has electrodes.positions_m: keep one",
-                path.display()
-            )));
-        }
-        Ok((eit_mesh::place_electrodes(mesh.surface(), electrodes, settings)?, notes))
-    }
-}
 
 impl Scene {
     /// The kind of finite elements that the scene names, or asks for: derivatives along movement of
@@ -315,119 +231,6 @@ impl Scene {
         self.each(key, Some(values), electrodes)
     }
 
-    /// The protocol for a number of electrodes.
-    pub fn protocol(&self, electrodes: usize) -> Result<Protocol, CliError> {
-        let keys = &self.protocol;
-        let current_a = keys.current_a.unwrap_or(DEFAULT_CURRENT_A);
-        let found = if let Some(file) = &keys.quadruples_file {
-            let quadruples = self.quadruples(file)?;
-            Protocol::from_quadruples(electrodes, &quadruples, current_a)
-        } else if let Some(file) = &keys.stimulation_file {
-            return self.pattern_protocol(file, electrodes, current_a);
-        } else if keys.drive.as_deref() == Some(TRIGONOMETRIC) {
-            if keys.driven_electrodes == Driven::Drop {
-                return Err(self.error(format!(
-                    "protocol.drive = \"{TRIGONOMETRIC}\" drives every electrode: set \
-                     protocol.driven_electrodes = \"keep\""
-                )));
-            }
-            let measure = self.pattern("protocol.measure", keys.measure.as_deref())?;
-            Protocol::trigonometric(electrodes, &measure, current_a)
-        } else {
-            self.pair_protocol(electrodes)?.protocol()
-        };
-        found.map_err(|e| CliError::from(e).within(&self.place))
-    }
-
-    /// The scene's pair protocol, where it is one.
-    pub fn pair_protocol(&self, electrodes: usize) -> Result<PairProtocol, CliError> {
-        let keys = &self.protocol;
-        let drive = match &keys.pairs {
-            Some(pairs) => PairPattern::Pairs(plain(pairs)),
-            None => self.pattern("protocol.drive", keys.drive.as_deref())?,
-        };
-        Ok(PairProtocol {
-            electrodes,
-            drive,
-            measure: self.pattern("protocol.measure", keys.measure.as_deref())?,
-            driven_electrodes: match keys.driven_electrodes {
-                Driven::Drop => DrivenElectrodes::Drop,
-                Driven::Keep => DrivenElectrodes::Keep,
-            },
-            order: match keys.order {
-                Order::Rotated => eit_fem::Order::Rotated,
-                Order::Ascending => eit_fem::Order::Ascending,
-            },
-            current_a: keys.current_a.unwrap_or(DEFAULT_CURRENT_A),
-        })
-    }
-
-    fn pattern(&self, key: &str, text: Option<&str>) -> Result<PairPattern, CliError> {
-        match text {
-            None | Some("adjacent") => Ok(PairPattern::Adjacent),
-            Some("opposite") => Ok(PairPattern::Opposite),
-            Some(other) => match other.strip_prefix("skip-").map(str::parse) {
-                Some(Ok(between)) => Ok(PairPattern::Skip(between)),
-                _ => Err(self.error(format!(
-                    "{key} = \"{other}\" is none of \"adjacent\", \"opposite\", \"skip-N\" \
-                     (N electrodes between){}",
-                    if key == "protocol.drive" { ", \"trigonometric\"" } else { "" }
-                ))),
-            },
-        }
-    }
-
-    fn quadruples(&self, file: &Path) -> Result<Vec<[u32; 4]>, CliError> {
-        let path = self.resolve(file);
-        let table = eit_hw::csv::read(&path, &eit_hw::csv::CsvOptions::default())?.real;
-        let index = |value: &f64| {
-            let whole = value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(value);
-            whole.then_some(*value as u32)
-        };
-        let rows = table.rows().into_iter().enumerate();
-        rows.map(|(row, values)| {
-            let numbers: Option<Vec<u32>> = values.iter().map(index).collect();
-            numbers.and_then(|n| <[u32; 4]>::try_from(n).ok()).ok_or_else(|| {
-                let found: Vec<f64> = values.to_vec();
-                CliError::input(format!(
-                    "{}: row {}: {found:?} is not four electrode indices a,b,m,n from 0",
-                    path.display(),
-                    row + 1
-                ))
-            })
-        })
-        .collect()
-    }
-
-    fn pattern_protocol(
-        &self,
-        stimulation: &Path,
-        electrodes: usize,
-        current_a: f64,
-    ) -> Result<Protocol, CliError> {
-        let measurement = self.needed(
-            self.protocol.measurement_file.as_deref(),
-            "protocol.measurement_file",
-            "protocol.stimulation_file",
-        )?;
-        let mut stimulation_matrix = read_patterns(&self.resolve(stimulation), electrodes)?;
-        let measurement_matrix = read_patterns(&self.resolve(measurement), electrodes)?;
-        for (file, matrix) in
-            [(stimulation, &stimulation_matrix), (measurement, &measurement_matrix)]
-        {
-            if matrix.nrows() != electrodes {
-                return Err(CliError::input(format!(
-                    "{}: shape {:?}, but it must be [electrode, pattern] with {electrodes} \
-                     electrodes",
-                    self.resolve(file).display(),
-                    matrix.shape()
-                )));
-            }
-        }
-        stimulation_matrix *= current_a;
-        Ok(Protocol::from_patterns(stimulation_matrix.view(), measurement_matrix.view())?)
-    }
-
     /// Plain or normalised difference: pairs are normalised, which cancels gains per channel;
     /// general patterns have voltages near zero, which cannot be divided by.
     pub fn difference_kind(&self, protocol: &Protocol) -> DifferenceKind {
@@ -437,21 +240,13 @@ impl Scene {
         })
     }
 
-    fn needed<T>(&self, value: Option<T>, key: &str, why: &str) -> Result<T, CliError> {
+    pub(super) fn needed<T>(&self, value: Option<T>, key: &str, why: &str) -> Result<T, CliError> {
         value.ok_or_else(|| self.error(format!("{key} is missing: {why} needs it")))
     }
 
     pub(super) fn error(&self, message: String) -> CliError {
         CliError::input(message).within(&self.place)
     }
-}
-
-/// A pattern matrix [electrode, pattern] of any number type from an `.npy` file.
-fn read_patterns(path: &Path, electrodes: usize) -> Result<ndarray::Array2<f64>, CliError> {
-    let matrix = eit_hw::npy::read(path, &eit_hw::npy::NpyOptions::default())?.real;
-    // the reader takes one column for one frame: here it is one pattern
-    let one_pattern = matrix.dim() == (1, electrodes) && electrodes > 1;
-    Ok(if one_pattern { matrix.reversed_axes() } else { matrix })
 }
 
 /// Corners of a loop; a first corner repeated at the end, as other tools write it, is dropped.

@@ -106,7 +106,7 @@ impl Scene {
                  `pairs` or `quadruples_file`",
             )
         })?;
-        let current_a = self.protocol.current_a.unwrap_or(super::build::DEFAULT_CURRENT_A);
+        let current_a = self.protocol.current_a.unwrap_or(super::protocol::DEFAULT_CURRENT_A);
         let frame_rate_hz = keys.frame_rate_hz.unwrap_or(DEFAULT_RATE_HZ);
         let kind = keys.kind(electrodes, &quadruples, current_a, frame_rate_hz)?;
         keys.check_company(&kind)?;

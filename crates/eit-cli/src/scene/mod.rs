@@ -8,13 +8,15 @@ mod build;
 mod builtin;
 mod check;
 mod instrument;
+mod mesh;
 mod parse;
+mod protocol;
 mod reactive;
 mod reconstruction;
 
-pub(crate) use build::{SceneElectrodes, SceneMesh};
 pub(crate) use builtin::NAMES as BUILT_IN;
 pub(crate) use instrument::{DriverKind, Instrument, InstrumentKeys};
+pub(crate) use mesh::{SceneElectrodes, SceneMesh};
 pub(crate) use parse::from_toml;
 pub(crate) use reconstruction::{
     Delta, DeltaRule, DifferenceKind, Hyperparameter, PriorKind, Reconstruction, Rule,
