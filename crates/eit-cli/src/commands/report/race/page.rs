@@ -28,8 +28,12 @@ pub(super) fn write(
         [] => String::new(),
         _ => format!("Incomplete, without {}. ", missing.join(", ")),
     };
+    let subject = match scenes.is_empty() {
+        true => "Forward problems, one thread, times as medians over the runs",
+        false => "Simulated touches, one thread, times of a frame as medians over the runs",
+    };
     let lead = format!(
-        "{incomplete}Simulated touches, one thread, times of a frame as medians over the runs. {}{}.",
+        "{incomplete}{subject}. {}{}.",
         machine.words(),
         if quick { ". Quick: fewer frames, pixels, gaps and meshes" } else { "" }
     );
