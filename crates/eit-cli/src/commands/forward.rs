@@ -92,6 +92,6 @@ fn complex(
 
 /// One row in which real and imaginary parts alternate.
 fn parts(voltages: &Array1<Complex64>) -> Array2<f64> {
-    let part = |k: usize| if k % 2 == 0 { voltages[k / 2].re } else { voltages[k / 2].im };
-    Array2::from_shape_fn((1, 2 * voltages.len()), |(_, k)| part(k))
+    let parts: Array1<f64> = voltages.iter().flat_map(|v| [v.re, v.im]).collect();
+    parts.insert_axis(Axis(0))
 }
