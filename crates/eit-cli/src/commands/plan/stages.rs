@@ -8,7 +8,7 @@ use crate::pipeline::tv::DEFAULT_TARGET_GAP;
 use crate::pipeline::{DEFAULT_NOISE_FIGURE, DEFAULT_PIXELS, Setup};
 use crate::scene::{DifferenceKind, Hyperparameter, Rule, Scene, Shape};
 use eit_fem::Elements;
-use eit_mesh::Quality;
+use eit_mesh::{Electrode, Quality};
 
 /// Dense product in double precision where the rates below were fitted: times are scaled by it to
 /// the machine at hand.
@@ -31,8 +31,10 @@ const CACHED_BYTES: f64 = 1.6e7;
 /// electrodes: 261 of 32 with trigonometric currents.
 const USUAL_DIRECTIONS: f64 = 250.0;
 const READ_BYTES_PER_S: f64 = 4.5e10;
-/// Displacement of an electrode and its column, seconds.
-const MOVEMENT_UNKNOWN_S: f64 = 2e-4;
+/// Displacements of electrodes, seconds a node and displacement: of a rim, and beside patches, whose
+/// directions differ. Fitted on a loaded machine, at 2 000 to 12 000 nodes.
+const RIM_MOVEMENT_S: f64 = 3e-8;
+const PATCH_MOVEMENT_S: f64 = 1.6e-7;
 /// Meshing, seconds a node.
 const NODE_S: f64 = 5.5e-6;
 /// Total variation, effective: an iteration of 64 x 64 pixels and 20 frames in single precision.
@@ -139,8 +141,6 @@ impl Sizes<'_> {
             Elements::Linear => "",
             Elements::Quadratic => "quadratic elements; ",
         };
-        let store_rate =
-            if 8.0 * m * n > CACHED_BYTES { NEW_BYTES_PER_S } else { STORE_BYTES_PER_S };
         vec![
             Stage {
                 name: "mesh",
@@ -171,7 +171,7 @@ impl Sizes<'_> {
                 size: format!("[{m}, {n}], {} fields, {} products", solves, cost.field_products),
                 flops: sweep + cost.product_flops,
                 bytes: 8.0 * m * n,
-                time_s: sweep / SWEEP_FLOPS_PER_S + 8.0 * m * n / store_rate,
+                time_s: sweep / SWEEP_FLOPS_PER_S + 8.0 * m * n / store_rate(m * n),
                 why: format!(
                     "{} patterns span {solves} fields; reciprocal measurements share a product",
                     setup.protocol.stimulations_a().nrows()
@@ -187,10 +187,16 @@ impl Sizes<'_> {
         let (m, n) = (self.measurements, self.elements);
         let cost = self.setup.model.cost();
         let unknowns = 2.0 * self.setup.protocol.electrodes() as f64;
-        // voltages and fields once more, then the triangles around each electrode
+        // voltages and fields once more, the triangles around each electrode
         let solve = cost.factor_flops + 2.0 * cost.factor_entries as f64 * cost.field_solves as f64;
         let taken = 4.0 * m * unknowns * n + 10.0 * m * unknowns * unknowns;
-        // for the images, and for the touches
+        let nodes = self.setup.mesh.surface().nodes().len() as f64;
+        let is_patch = |electrode: &Electrode| matches!(electrode, Electrode::Patch(_));
+        let search_s = match self.setup.mesh.electrodes().iter().any(is_patch) {
+            true => PATCH_MOVEMENT_S,
+            false => RIM_MOVEMENT_S,
+        };
+        // for the images, and for the touches; three copies of the Jacobian
         let flops = solve + 2.0 * taken;
         Some(Stage {
             name: "electrode movement",
@@ -198,8 +204,8 @@ impl Sizes<'_> {
             flops,
             bytes: 2.0 * 8.0 * m * n,
             time_s: solve / SWEEP_FLOPS_PER_S
-                + MOVEMENT_UNKNOWN_S * unknowns
-                + 2.0 * (taken / PRODUCT_FLOPS_PER_S + 3.0 * 8.0 * m * n / STORE_BYTES_PER_S),
+                + search_s * nodes * unknowns
+                + 2.0 * (taken / PRODUCT_FLOPS_PER_S + 3.0 * 8.0 * m * n / store_rate(m * n)),
             why: format!(
                 "each electrode may move by {:.2} mm along and across its rim: unknowns beside the image",
                 1e3 * movement_m
@@ -350,6 +356,11 @@ impl Sizes<'_> {
         });
         stages
     }
+}
+
+/// Rate at which an array of so many values is stored.
+fn store_rate(values: f64) -> f64 {
+    if 8.0 * values > CACHED_BYTES { NEW_BYTES_PER_S } else { STORE_BYTES_PER_S }
 }
 
 /// Part of the raster's square that is skin.
