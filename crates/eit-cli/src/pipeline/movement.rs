@@ -14,8 +14,10 @@
 //! from the noise, needs neither.
 
 mod displacement;
+mod whitening;
 
 pub(super) use displacement::jacobian;
+pub(super) use whitening::Whitening;
 
 use super::expected::{self, Places};
 use super::imaging::{Imaging, choose, prior, settings};

@@ -1,5 +1,6 @@
 //! Stages of a plan: sizes, work, expected time.
 
+use super::electrodes;
 use super::sequence::Sequence;
 use crate::machine::Machine;
 use crate::measured::Measured;
@@ -8,7 +9,7 @@ use crate::pipeline::tv::DEFAULT_TARGET_GAP;
 use crate::pipeline::{DEFAULT_NOISE_FIGURE, DEFAULT_PIXELS, Setup};
 use crate::scene::{DifferenceKind, Hyperparameter, Rule, Scene, Shape};
 use eit_fem::Elements;
-use eit_mesh::{Electrode, Quality};
+use eit_mesh::Quality;
 
 /// Dense product in double precision where the rates below were fitted: times are scaled by it to
 /// the machine at hand.
@@ -19,9 +20,9 @@ const FITTED_FLOPS_PER_S: f64 = 4e10;
 /// factorisations, stores to memory, reads from cache. Elsewhere they are a guide, not a promise.
 const FACTOR_FLOPS_PER_S: f64 = 1.5e10;
 const ELEMENT_S: f64 = 3.8e-8;
-const SWEEP_FLOPS_PER_S: f64 = 1e10;
+pub(super) const SWEEP_FLOPS_PER_S: f64 = 1e10;
 const PRIOR_ENTRY_S: f64 = 2.5e-8;
-const PRODUCT_FLOPS_PER_S: f64 = 3.3e10;
+pub(super) const PRODUCT_FLOPS_PER_S: f64 = 3.3e10;
 const DECOMPOSITION_FLOPS_PER_S: f64 = 1.5e10;
 const STORE_BYTES_PER_S: f64 = 3e9;
 /// Beyond the caches, where every page is new: between 1.3 and 3.
@@ -31,10 +32,6 @@ const CACHED_BYTES: f64 = 1.6e7;
 /// electrodes: 261 of 32 with trigonometric currents.
 const USUAL_DIRECTIONS: f64 = 250.0;
 const READ_BYTES_PER_S: f64 = 4.5e10;
-/// Displacements of electrodes, seconds a node and displacement: of a rim, and beside patches, whose
-/// directions differ. Fitted on a loaded machine, at 2 000 to 12 000 nodes.
-const RIM_MOVEMENT_S: f64 = 3e-8;
-const PATCH_MOVEMENT_S: f64 = 1.6e-7;
 /// Meshing, seconds a node.
 const NODE_S: f64 = 5.5e-6;
 /// Total variation, effective: an iteration of 64 x 64 pixels and 20 frames in single precision.
@@ -109,7 +106,7 @@ pub(crate) fn of(
     };
     let mut stages = sizes.model();
     if method != Method::GaussNewtonAbsolute {
-        stages.extend(sizes.movement());
+        stages.extend(electrodes::of(scene, setup));
     }
     match method {
         Method::StTv | Method::Tv => stages.extend(sizes.total_variation(sequence)),
@@ -179,38 +176,6 @@ impl Sizes<'_> {
                 ),
             },
         ]
-    }
-
-    /// Displacements of electrodes, taken out of the data; none where they stay.
-    fn movement(&self) -> Option<Stage> {
-        let movement_m = self.scene.reconstruction.electrode_movement_m?;
-        let (m, n) = (self.measurements, self.elements);
-        let cost = self.setup.model.cost();
-        let unknowns = 2.0 * self.setup.protocol.electrodes() as f64;
-        // voltages and fields once more, the triangles around each electrode
-        let solve = cost.factor_flops + 2.0 * cost.factor_entries as f64 * cost.field_solves as f64;
-        let taken = 4.0 * m * unknowns * n + 10.0 * m * unknowns * unknowns;
-        let nodes = self.setup.mesh.surface().nodes().len() as f64;
-        let is_patch = |electrode: &Electrode| matches!(electrode, Electrode::Patch(_));
-        let search_s = match self.setup.mesh.electrodes().iter().any(is_patch) {
-            true => PATCH_MOVEMENT_S,
-            false => RIM_MOVEMENT_S,
-        };
-        // for the images, and for the touches; three copies of the Jacobian
-        let flops = solve + 2.0 * taken;
-        Some(Stage {
-            name: "electrode movement",
-            size: format!("[{m}, {unknowns}], taken out of [{m}, {n}]"),
-            flops,
-            bytes: 2.0 * 8.0 * m * n,
-            time_s: solve / SWEEP_FLOPS_PER_S
-                + search_s * nodes * unknowns
-                + 2.0 * (taken / PRODUCT_FLOPS_PER_S + 3.0 * 8.0 * m * n / store_rate(m * n)),
-            why: format!(
-                "each electrode may move by {:.2} mm along and across its rim: unknowns beside the image",
-                1e3 * movement_m
-            ),
-        })
     }
 
     /// The one-step matrix and its hyperparameter.
@@ -359,7 +324,7 @@ impl Sizes<'_> {
 }
 
 /// Rate at which an array of so many values is stored.
-fn store_rate(values: f64) -> f64 {
+pub(super) fn store_rate(values: f64) -> f64 {
     if 8.0 * values > CACHED_BYTES { NEW_BYTES_PER_S } else { STORE_BYTES_PER_S }
 }
 
