@@ -1,8 +1,8 @@
 //! What the benches and the comparison with peers share: problems, stopwatch, machine limits.
 //!
 //! Not published. `cargo bench -p benches` times every stage; `benches/compare.py` times forward
-//! problem and Jacobian against the peers and writes the tables of `docs/PERFORMANCE.md`; `lean` and
-//! `equal_frame` write theirs themselves.
+//! problem and Jacobian against the peers and writes the tables of `docs/PERFORMANCE.md`; `lean`,
+//! `growth` and `equal_frame` write theirs themselves.
 
 pub mod document;
 pub mod limits;

@@ -68,8 +68,12 @@ pub(crate) enum Command {
     /// (ParaView) or .png (picture).
     Mesh(MeshArgs),
     /// Compute the voltage of every measurement, in protocol order.
+    ///
+    /// Complex ones where the scene stores charge (docs/SCENE.md).
     Forward(ForwardArgs),
     /// Compute the Jacobian [measurement, element], volt per siemens.
+    ///
+    /// Complex where the scene stores charge (docs/SCENE.md).
     Jacobian(JacobianArgs),
     /// Fit background conductivity and contact impedances to the untouched skin.
     ///
@@ -232,10 +236,11 @@ pub(crate) struct ForwardArgs {
     #[arg(long, value_name = "F.msh")]
     pub mesh: Option<PathBuf>,
     /// Conductivity, one value per element of the mesh in file order, siemens (.npy or .csv);
-    /// without it the scene's background.
+    /// without it the scene's background. Where the scene stores charge also admittivities (complex .npy).
     #[arg(long, value_name = "F")]
     pub conductivity: Option<PathBuf>,
-    /// Result: F.npy or F.csv, one value per measurement, volt.
+    /// Result: F.npy or F.csv, one value per measurement, volt; complex ones as complex128, in CSV as
+    /// alternating real and imaginary parts.
     #[arg(long, value_name = "F")]
     pub out: PathBuf,
 }

@@ -115,12 +115,18 @@ fn from_model(
     seed: u64,
     progress: &mut Progress,
 ) -> Result<Played, CliError> {
+    scene.refuse_reactive()?;
     let mesh = progress.stage("mesh", || scene.mesh(None)?.build())?;
     let electrodes = mesh.electrodes().len();
     let protocol = Protocol::from_quadruples(electrodes, wanted, instrument.current_a)
         .map_err(|e| mismatch(scene, instrument, &e.to_string()))?;
     let impedance = scene.contact_impedance(electrodes)?;
-    let model = ForwardModel::with_elements(&mesh, &protocol, &impedance, scene.elements())?;
+    let model = ForwardModel::with_elements(
+        &mesh,
+        &protocol,
+        &impedance,
+        scene.elements().unwrap_or_default(),
+    )?;
     let background = vec![scene.skin.conductivity_s; model.elements()];
     let voltages = progress.stage("voltages", || {
         let mut workspace = model.workspace()?;

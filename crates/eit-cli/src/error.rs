@@ -56,9 +56,9 @@ impl From<MeshError> for CliError {
 impl From<FemError> for CliError {
     fn from(error: FemError) -> Self {
         match error {
-            FemError::NotPositiveDefinite { .. } | FemError::OutOfMemory { .. } => {
-                Self::Failure(error.to_string())
-            }
+            FemError::NotPositiveDefinite { .. }
+            | FemError::PivotOutOfPhase { .. }
+            | FemError::OutOfMemory { .. } => Self::Failure(error.to_string()),
             _ => Self::Input(error.to_string()),
         }
     }

@@ -147,13 +147,14 @@ pub(crate) fn io(error: std::io::Error) -> CliError {
     CliError::Failure(format!("writing failed: {error}"))
 }
 
-/// Writes an array as `.npy`.
+/// Writes an array of real or complex numbers as `.npy`.
 pub(crate) fn write_npy<S, D>(
     array: &ndarray::ArrayBase<S, D>,
     out: &mut dyn Write,
 ) -> Result<(), CliError>
 where
-    S: ndarray::Data<Elem = f64>,
+    S: ndarray::Data,
+    S::Elem: ndarray_npy::WritableElement,
     D: ndarray::Dimension,
 {
     use ndarray_npy::WriteNpyExt as _;

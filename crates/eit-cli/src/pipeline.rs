@@ -4,9 +4,11 @@
 
 mod expected;
 pub(crate) mod imaging;
+pub(crate) mod mesh_choice;
 pub(crate) mod movement;
 pub(crate) mod noise;
 mod part;
+pub(crate) mod reactive;
 pub(crate) mod sequence;
 pub(crate) mod series;
 pub(crate) mod touches;
@@ -17,9 +19,10 @@ pub(crate) use imaging::{Imaging, imaging};
 use crate::error::CliError;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Scene};
-use eit_fem::{ForwardModel, Protocol, SolveReport};
+use eit_fem::{Elements, ForwardModel, Protocol, Solution, SolveReport, Workspace};
 use eit_inverse::DifferenceData;
 use eit_mesh::{Mesh, Raster};
+use mesh_choice::{Accuracy, Choice};
 use ndarray::{Array1, Array2};
 
 /// Pixels along the longer side where the scene states none: a disc of 64 has 3 200 pixels, ten
@@ -32,6 +35,9 @@ pub(crate) const DEFAULT_NOISE_FIGURE: f64 = 1.0;
 /// Largest array that is tried, bytes.
 const MOST_BYTES: f64 = 8e9;
 
+/// Bytes of a real number.
+const REAL_BYTES: f64 = 8.0;
+
 /// Mesh and protocol of a scene.
 pub(crate) struct Setup {
     /// The skin.
@@ -42,6 +48,30 @@ pub(crate) struct Setup {
     pub model: ForwardModel,
     /// What was mended in the mesh file.
     pub notes: Vec<String>,
+    /// What the scene requires of the mesh, and what was found.
+    pub accuracy: Option<Accuracy>,
+}
+
+impl Setup {
+    /// What rounding may cost the voltages, of the largest: a tenth of the required accuracy.
+    fn rounding(&self) -> f64 {
+        let required = self.accuracy.as_ref().map_or(1.0, |accuracy| accuracy.required);
+        // f64 results have no more
+        (0.1 * required).clamp(4.0 * f64::EPSILON, WARN_LOSS)
+    }
+
+    /// One solve whose rounding is known to be small: by the textbook assembly where that suffices,
+    /// else in twice the precision. Quadratic elements have the first path only.
+    pub fn solve<'a>(
+        &'a self,
+        conductivity_s: &[f64],
+        workspace: &'a mut Workspace,
+    ) -> Result<Solution<'a>, CliError> {
+        Ok(match self.model.element_kind() {
+            Elements::Linear => self.model.solve_to(conductivity_s, self.rounding(), workspace)?,
+            Elements::Quadratic => self.model.solve(conductivity_s, workspace)?,
+        })
+    }
 }
 
 /// The model linearised at the homogeneous background.
@@ -65,6 +95,25 @@ pub(crate) fn setup(
     nodes: Option<usize>,
     progress: &mut Progress,
 ) -> Result<Setup, CliError> {
+    scene.refuse_reactive()?;
+    let (choice, protocol) = skin(scene, (mesh_file, nodes), REAL_BYTES, progress)?;
+    let Choice { mesh, elements, notes, accuracy } = choice;
+    let impedance = scene.contact_impedance(mesh.electrodes().len())?;
+    let model = progress.stage("forward model", || {
+        ForwardModel::with_elements(&mesh, &protocol, &impedance, elements)
+    });
+    let model = model.map_err(|e| CliError::from(e).within(&scene.place))?;
+    Ok(Setup { mesh, protocol, model, notes, accuracy })
+}
+
+/// Mesh and protocol of a scene. Refuses a Jacobian, of values of
+/// `value_bytes`, beyond memory.
+fn skin(
+    scene: &Scene,
+    (mesh_file, nodes): (Option<&std::path::Path>, Option<usize>),
+    value_bytes: f64,
+    progress: &mut Progress,
+) -> Result<(Choice, Protocol), CliError> {
     let wanted = match mesh_file {
         Some(file) => crate::scene::SceneMesh::file(file),
         None => scene.mesh(nodes)?,
@@ -72,11 +121,10 @@ pub(crate) fn setup(
     // what needs no mesh is checked before one is made
     if let Some(electrodes) = wanted.electrodes() {
         scene.protocol(electrodes)?;
-        scene.contact_impedance(electrodes)?;
+        scene.check_contacts(electrodes)?;
     }
-    let made = progress.stage("mesh", || wanted.build_noted());
-    let (mesh, notes) = made.map_err(|e| e.within(&scene.place))?;
-    notes.iter().for_each(|note| progress.note(note));
+    let Choice { mesh, elements, notes, accuracy } =
+        mesh_choice::mesh(scene, (&wanted, nodes.is_some()), progress)?;
     let electrodes = mesh.electrodes().len();
     if electrodes == 0 {
         return Err(CliError::input(
@@ -85,8 +133,8 @@ pub(crate) fn setup(
         ));
     }
     let protocol = scene.protocol(electrodes)?;
-    let impedance = scene.contact_impedance(electrodes)?;
-    let bytes = 8.0 * protocol.measurements() as f64 * mesh.surface().triangles().len() as f64;
+    let values = protocol.measurements() as f64 * mesh.surface().triangles().len() as f64;
+    let bytes = value_bytes * values;
     if bytes > MOST_BYTES {
         return Err(CliError::input(format!(
             "{} measurements on {} elements make a Jacobian of {:.0} GB: use a coarser [mesh] or \
@@ -96,11 +144,7 @@ pub(crate) fn setup(
             1e-9 * bytes
         )));
     }
-    let model = progress.stage("forward model", || {
-        ForwardModel::with_elements(&mesh, &protocol, &impedance, scene.elements())
-    });
-    let model = model.map_err(|e| CliError::from(e).within(&scene.place))?;
-    Ok(Setup { mesh, protocol, model, notes })
+    Ok((Choice { mesh, elements, notes, accuracy }, protocol))
 }
 
 /// Voltages and Jacobian of the homogeneous background, and what movement of electrodes does to them
@@ -113,7 +157,7 @@ pub(crate) fn linearise(
     let background = vec![scene.skin.conductivity_s; setup.model.elements()];
     let mut linearised = progress.stage("forward and Jacobian", || {
         let mut workspace = setup.model.workspace()?;
-        let mut solution = setup.model.solve(&background, &mut workspace)?;
+        let mut solution = setup.solve(&background, &mut workspace)?;
         let report = solution.report();
         let warning = certain(&report)?;
         let (voltages, jacobian) = (solution.measurements(), solution.jacobian());
@@ -131,7 +175,11 @@ const REFUSE_LOSS: f64 = 0.1;
 
 /// Refuses voltages that rounding may have made worthless; warns where it may have cost digits.
 pub(crate) fn certain(report: &SolveReport) -> Result<Option<String>, CliError> {
-    let loss = report.expected_loss;
+    certain_but_for(report.expected_loss)
+}
+
+/// [`certain`] of an expected loss.
+fn certain_but_for(loss: f64) -> Result<Option<String>, CliError> {
     if loss.is_nan() || loss > REFUSE_LOSS {
         return Err(CliError::Failure(format!(
             "no digit of the voltages is certain: conductances on this skin span {:.0} decades \

@@ -232,4 +232,12 @@ fn the_plan_shows_the_stage_or_why_it_is_left_out() {
     assert!(stage["size"].as_str().unwrap().starts_with("[40, 16], taken out of [40, "), "{stage}");
     assert!(stage["why"].as_str().unwrap().contains("0.20 mm"), "{stage}");
     assert!(stage["expected_time_s"].as_f64().unwrap() > 0.0);
+
+    // a mesh that is chosen has elements whose derivatives along displacements are known
+    let accurate = SMALL.replace("edge_m = 0.012", "required_accuracy = 3e-3");
+    let scene = write_scene(folder.path(), &with(&accurate, KEY));
+    let out = folder.path().join("m.msh");
+    let mesh = succeed(&["mesh", text(&scene), "--out", text(&out), "--json"]);
+    let mesh: Value = serde_json::from_str(&mesh).unwrap();
+    assert_eq!(mesh["elements"], "linear", "{mesh}");
 }

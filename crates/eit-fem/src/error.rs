@@ -1,4 +1,4 @@
-//! The one error type of this crate.
+//! The one error type of this crate. One long file: the enum is one list.
 
 /// What can be wrong with a protocol or a forward problem.
 ///
@@ -201,6 +201,21 @@ pub enum FemError {
         reached: f64,
         /// What was asked for.
         required: f64,
+    },
+    /// No mesh of a search was fine enough.
+    #[error(
+        "no mesh of at most {most_nodes} nodes has voltages to {required:e} of the largest: the best \
+         that was judged has {reached:e} with {nodes} nodes; allow more nodes, or ask for less"
+    )]
+    NoMeshSuffices {
+        /// Least estimated error over the largest voltage.
+        reached: f64,
+        /// Nodes of the mesh that has it.
+        nodes: usize,
+        /// What was asked for.
+        required: f64,
+        /// Most nodes that were allowed.
+        most_nodes: usize,
     },
     /// An accuracy that quadratic elements do not reach.
     #[error(

@@ -16,6 +16,7 @@ mod fields;
 mod forward;
 mod geometry;
 mod jacobian;
+mod mesh_choice;
 mod middles;
 mod protocol;
 mod quadratic;
@@ -34,6 +35,7 @@ pub use error::FemError;
 pub use forward::{ForwardModel, ModelCost};
 pub use geometry::Geometry;
 pub use jacobian::JacobianValue;
+pub use mesh_choice::{ChosenMesh, Estimate, MeshSearch, MeshTrial, RequiredAccuracy};
 #[cfg(feature = "complex")]
 pub use num_complex::Complex64;
 pub use protocol::{DrivenElectrodes, Order, PairPattern, PairProtocol, Protocol};

@@ -1,4 +1,4 @@
-//! The one error type of this crate.
+//! The one error type of this crate. One long file: the enum is one list.
 
 /// What can be wrong with a mesh, a skin's description or a mesh file.
 ///

@@ -2,11 +2,13 @@
 //! measured by arc length.
 
 mod check;
+mod loops;
 mod piece;
 
 use crate::MeshError;
-use crate::rim_electrodes::Disc;
+use crate::flat_electrodes::Disc;
 use check::{check_polygon, in_range};
+pub use loops::Loop;
 use piece::Piece;
 use std::f64::consts::TAU;
 
@@ -60,118 +62,6 @@ impl SkinShape {
             Self::Rectangle { width_m, height_m } => Outline::rectangle(*width_m, *height_m),
             Self::Polygon { outline_m, holes_m } => Outline::polygon(outline_m, holes_m),
         }
-    }
-}
-
-/// One closed loop of an outline, the skin on its left: the outer loop counter-clockwise, holes
-/// clockwise.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Loop {
-    pieces: Vec<Piece>,
-    /// Arc length at which each piece starts.
-    starts_m: Vec<f64>,
-    length_m: f64,
-}
-
-impl Loop {
-    fn new(pieces: Vec<Piece>) -> Self {
-        let mut length_m = 0.0;
-        let mut starts_m = Vec::with_capacity(pieces.len());
-        for piece in &pieces {
-            starts_m.push(length_m);
-            length_m += piece.length();
-        }
-        Self { pieces, starts_m, length_m }
-    }
-
-    fn polygon(corners: &[[f64; 2]], counterclockwise: bool) -> Self {
-        let mut corners = corners.to_vec();
-        if (signed_area(&corners) > 0.0) != counterclockwise {
-            corners.reverse();
-        }
-        let next = corners.iter().cycle().skip(1);
-        Self::new(corners.iter().zip(next).map(|(&from, &to)| Piece::Line { from, to }).collect())
-    }
-
-    /// Whether a point lies inside the loop. It must be clear of it.
-    fn is_around(&self, point_m: [f64; 2]) -> bool {
-        let crossings = self.pieces.iter().filter(|piece| match **piece {
-            // an arc is a whole circle
-            Piece::Arc { centre, radius, .. } => distance(centre, point_m) < radius,
-            Piece::Line { from, to } => {
-                (from[1] > point_m[1]) != (to[1] > point_m[1])
-                    && point_m[0]
-                        < from[0] + (point_m[1] - from[1]) / (to[1] - from[1]) * (to[0] - from[0])
-            }
-        });
-        crossings.count() % 2 == 1
-    }
-
-    /// Length once around, metres.
-    pub fn length_m(&self) -> f64 {
-        self.length_m
-    }
-
-    /// The point at an arc length from the start of the loop, metres; lengths beyond the end
-    /// (or below zero) go around again.
-    pub fn point_at(&self, arc_length_m: f64) -> [f64; 2] {
-        let s = arc_length_m.rem_euclid(self.length_m);
-        let piece = self.piece_at(s);
-        self.pieces[piece].point_at(s - self.starts_m[piece])
-    }
-
-    /// Whether the loop is curved at an arc length from its start.
-    pub(crate) fn bends_at(&self, arc_length_m: f64) -> bool {
-        let piece = self.piece_at(arc_length_m.rem_euclid(self.length_m));
-        matches!(self.pieces[piece], Piece::Arc { .. })
-    }
-
-    /// The nearest point of the loop: its arc length and the distance to it, metres.
-    pub fn project(&self, point_m: [f64; 2]) -> (f64, f64) {
-        let mut nearest = (0.0, f64::INFINITY);
-        for (piece, start) in self.pieces.iter().zip(&self.starts_m) {
-            let (s, off) = piece.project(point_m);
-            if off < nearest.1 {
-                nearest = (start + s, off);
-            }
-        }
-        nearest
-    }
-
-    /// Arc lengths of the corners, metres, ascending. A full circle has none.
-    pub(crate) fn corners_m(&self) -> &[f64] {
-        match self.pieces[..] {
-            [Piece::Arc { .. }] => &[],
-            _ => &self.starts_m,
-        }
-    }
-
-    /// Largest edge that keeps a chord within 30 degrees of arc, so that even a coarse mesh
-    /// has the shape of the skin; infinite where the loop is straight. Metres.
-    pub(crate) fn largest_chord_m(&self) -> f64 {
-        let chord = |piece: &Piece| match *piece {
-            Piece::Line { .. } => f64::INFINITY,
-            Piece::Arc { radius, .. } => radius * TAU / 12.0,
-        };
-        self.pieces.iter().map(chord).fold(f64::INFINITY, f64::min)
-    }
-
-    /// Index of the piece at an arc length between zero and the length.
-    fn piece_at(&self, s: f64) -> usize {
-        self.starts_m.partition_point(|&start| start <= s).saturating_sub(1)
-    }
-
-    /// Outermost point seen from `origin` at an angle: its arc length.
-    fn outermost_at(&self, origin: [f64; 2], angle_rad: f64) -> Option<f64> {
-        let along = [angle_rad.cos(), angle_rad.sin()];
-        self.pieces
-            .iter()
-            .zip(&self.starts_m)
-            .filter_map(|(piece, start)| {
-                piece.outermost_hit(origin, along).map(|(s, reach)| (start + s, reach))
-            })
-            .max_by(|a, b| a.1.total_cmp(&b.1))
-            .map(|(s, _)| s)
     }
 }
 
@@ -313,7 +203,7 @@ impl Outline {
 
     /// Distance below which two points of the outline are one, metres.
     pub(crate) fn resolution_m(&self) -> f64 {
-        RESOLUTION * self.loops[0].length_m
+        RESOLUTION * self.loops[0].length_m()
     }
 }
 

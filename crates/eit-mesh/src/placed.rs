@@ -5,96 +5,18 @@
 //! ([`refine`]), and triangles are cut along the outlines of patches ([`patch`]). The surface
 //! keeps its shape: every new node lies on an edge that was there.
 
+mod electrode;
 mod patch;
 mod refine;
 mod rim;
 
-use crate::rim_electrodes::{FlatElectrodes, RimInterval, SMALLEST, check_gaps};
+use crate::rim_electrodes::{RimInterval, SMALLEST, check_gaps};
 use crate::surface::{norm, sub};
-use crate::{Electrode, Mesh, MeshError, MeshSettings, SkinShape, Surface};
+use crate::{Electrode, Mesh, MeshError, MeshSettings, Surface};
+pub use electrode::{Contact, PlacedElectrode};
 use patch::Ball;
 use refine::refine;
 use rim::Rims;
-
-/// An electrode wanted at a place of a skin.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PlacedElectrode {
-    /// Its centre, metres; moved to the nearest point of the skin or of its rim. Flat skins lie at
-    /// z = 0.
-    pub position_m: [f64; 3],
-    /// What it covers.
-    pub contact: Contact,
-}
-
-/// What an electrode covers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub enum Contact {
-    /// A length of rim.
-    Rim {
-        /// Length measured along the rim, metres.
-        width_m: f64,
-    },
-    /// A round patch of the skin: all of it that is nearer to the centre than the radius, in
-    /// space, and hangs together with the centre.
-    Patch {
-        /// Radius, metres.
-        radius_m: f64,
-    },
-}
-
-impl PlacedElectrode {
-    /// An electrode on the rim.
-    pub fn rim(position_m: [f64; 3], width_m: f64) -> Self {
-        Self { position_m, contact: Contact::Rim { width_m } }
-    }
-
-    /// A round patch.
-    pub fn patch(position_m: [f64; 3], radius_m: f64) -> Self {
-        Self { position_m, contact: Contact::Patch { radius_m } }
-    }
-
-    /// Checks electrodes against the outline of a shape, before any meshing.
-    ///
-    /// # Errors
-    /// As [`generate_placed`](crate::generate_placed), of the electrodes alone.
-    pub fn validate(electrodes: &[Self], shape: &SkinShape) -> Result<(), MeshError> {
-        FlatElectrodes::placed(electrodes, &shape.outline()?).map(|_| ())
-    }
-
-    /// Width or diameter, metres.
-    pub(crate) fn width_m(&self) -> f64 {
-        match self.contact {
-            Contact::Rim { width_m } => width_m,
-            Contact::Patch { radius_m } => 2.0 * radius_m,
-        }
-    }
-
-    /// Refuses positions and sizes that are no numbers, or lost in rounding.
-    pub(crate) fn check(&self, electrode: usize, least_m: f64) -> Result<(), MeshError> {
-        let (quantity, value) = match self.contact {
-            Contact::Rim { width_m } => ("width_m", width_m),
-            Contact::Patch { radius_m } => ("radius_m", radius_m),
-        };
-        if !(value.is_finite() && value >= least_m) {
-            let must = "finite and at least 1e-8 of the skin's size";
-            return Err(MeshError::ElectrodeSize { electrode, quantity, value, must });
-        }
-        if self.position_m.iter().any(|x| !x.is_finite()) {
-            let (position_m, distance_m) = (self.position_m, f64::NAN);
-            let what = "point of the skin";
-            let tolerance_m = 0.0;
-            return Err(MeshError::OffSurface {
-                electrode,
-                position_m,
-                distance_m,
-                tolerance_m,
-                what,
-            });
-        }
-        Ok(())
-    }
-}
 
 /// Positions further from the surface than this fraction of its longest side are not on it: room
 /// for measured positions and for facets that cut across a round link.
@@ -292,9 +214,7 @@ impl Field {
         settings: &MeshSettings,
         resolution_m: f64,
     ) -> Result<Self, MeshError> {
-        for (quantity, edge) in
-            [("edge_m", settings.edge_m), ("electrode_edge_m", settings.electrode_edge_m)]
-        {
+        for (quantity, edge) in settings.edges() {
             if let Some(value) = edge.filter(|&e| e < resolution_m) {
                 let must = "at least 1e-9 of the skin's size (shorter edges drown in rounding)";
                 return Err(MeshError::OutOfRange { quantity, value, must });

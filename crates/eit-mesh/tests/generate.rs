@@ -281,6 +281,53 @@ fn wanted_numbers_of_nodes() {
     assert!(matches!(error, MeshError::OutOfRange { quantity: "number of nodes", .. }), "{error}");
 }
 
+/// Edges of a family shrink with its scale, at electrode ends and at the corners of a hole more than
+/// inside; corners that point outward stay as they were.
+#[test]
+fn similar_meshes_are_graded_to_ends_and_inner_corners() {
+    let skin = SkinShape::Polygon {
+        outline_m: vec![[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]],
+        holes_m: vec![vec![[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]]],
+    };
+    let placement = Placement::At(vec![[0.0, -0.1], [0.1, 0.0], [0.0, 0.1]]);
+    let electrodes = RimElectrodes { width_m: 0.04, placement };
+    let shortest_at = |mesh: &Mesh, place: [f64; 2]| {
+        let nodes = mesh.surface().nodes();
+        let near = |n: u32| {
+            let p = nodes[n as usize];
+            (p[0] - place[0]).hypot(p[1] - place[1]) < 1e-9
+        };
+        let length = |[a, b]: [u32; 2]| {
+            let (a, b) = (nodes[a as usize], nodes[b as usize]);
+            (a[0] - b[0]).hypot(a[1] - b[1])
+        };
+        let edges = mesh.surface().rim_edges().iter().copied();
+        let at_place = edges.filter(|e| e.iter().any(|n| near(*n))).map(length);
+        at_place.fold(f64::INFINITY, f64::min)
+    };
+    let area_m2: f64 = 0.04 - 0.0016;
+    for scale in [1.0, 0.5, 0.25] {
+        let settings = MeshSettings::default().similar(&skin, 0.04, scale).unwrap();
+        let mesh = generate(&skin, &electrodes, &settings).unwrap();
+        let edge_m = scale * area_m2.sqrt() / 9.0;
+        for place in [[-0.02, -0.02], [0.02, 0.02], [0.02, -0.1], [0.1, 0.02]] {
+            let ratio = shortest_at(&mesh, place) / (0.25 * edge_m);
+            // edges divide what lies between two places of the rim
+            assert!((0.5..1.3).contains(&ratio), "{place:?} at scale {scale}: {ratio}");
+        }
+        assert!(shortest_at(&mesh, [0.1, 0.1]) > 0.4 * edge_m, "{scale}");
+        let quality = Quality::of(&mesh);
+        assert!(quality.smallest_angle_deg > LEAST_ANGLE_DEG, "{quality}");
+    }
+    for (electrode_m, scale) in [(0.0, 1.0), (f64::NAN, 1.0), (0.01, 0.0), (0.01, f64::INFINITY)] {
+        let error = MeshSettings::default().similar(&skin, electrode_m, scale).unwrap_err();
+        assert!(matches!(error, MeshError::OutOfRange { .. }), "{error}");
+    }
+    let corner = MeshSettings { corner_edge_m: Some(-1.0), ..Default::default() };
+    let error = generate(&skin, &electrodes, &corner).unwrap_err();
+    assert!(matches!(error, MeshError::OutOfRange { quantity: "corner_edge_m", .. }), "{error}");
+}
+
 #[test]
 fn bad_sizes_are_refused() {
     let settings = MeshSettings::default();

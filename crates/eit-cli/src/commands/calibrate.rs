@@ -6,7 +6,7 @@ use crate::error::CliError;
 use crate::frames::{self, Frames};
 use crate::pipeline;
 use crate::progress::Progress;
-use crate::scene::{Reference, Scene};
+use crate::scene::{ElementKeys, Reference, Scene};
 use eit_inverse::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
 use serde_json::{Value, json};
 
@@ -14,6 +14,10 @@ use serde_json::{Value, json};
 pub(crate) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
     let mut scene = Scene::load(&args.scene)?;
     scene.reconstruction.use_driven_electrodes |= args.use_driven_electrodes;
+    if scene.mesh.required_accuracy.is_some() {
+        // derivatives with respect to contacts are those of linear elements
+        scene.mesh.elements.get_or_insert(ElementKeys::Linear);
+    }
     let mut progress = Progress::default();
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
     // frames that are given are of the untouched skin: all of them

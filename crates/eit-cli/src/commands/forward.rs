@@ -1,19 +1,23 @@
 //! `eit forward`
 
-use super::{Answer, check_ending, solve, solve_json, with_warning};
+use super::{Answer, check_ending, reactive, solve, solve_json, with_warning};
 use crate::cli::ForwardArgs;
 use crate::error::CliError;
 use crate::output::{OutFile, write_csv, write_npy};
 use crate::progress::Progress;
 use crate::scene::Scene;
-use ndarray::Axis;
+use eit_fem::Complex64;
+use ndarray::{Array1, Array2, Axis};
 use serde_json::json;
 
-/// Solves, reports, writes voltages.
+/// Solves, reports, writes voltages; complex ones where the scene stores charge.
 pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
     let format = check_ending(&args.out, &["npy", "csv"])?;
     let scene = Scene::load(&args.scene)?;
     let out = OutFile::new(&args.out)?;
+    if scene.is_reactive() {
+        return complex(args, &scene, (&format, out));
+    }
     let mut progress = Progress::default();
     let files = (args.mesh.as_deref(), args.conductivity.as_deref());
     let solved = solve(&scene, files, &mut progress, |solution| solution.measurements())?;
@@ -42,4 +46,52 @@ pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
         "stages": progress.times(),
     });
     Ok(Answer { text: with_warning(text, solved.warning.as_ref()), json })
+}
+
+/// Complex voltages: `.npy` of complex numbers, or one row of CSV in which real and imaginary parts
+/// alternate.
+fn complex(
+    args: &ForwardArgs,
+    scene: &Scene,
+    (format, out): (&str, OutFile),
+) -> Result<Answer, CliError> {
+    let mut progress = Progress::default();
+    let files = (args.mesh.as_deref(), args.conductivity.as_deref());
+    let solved = reactive::solve(scene, files, &mut progress, |solution| solution.measurements())?;
+    let (voltages, report) = (&solved.wanted, &solved.report);
+    out.write(|writer| match format {
+        "npy" => write_npy(voltages, writer),
+        _ => write_csv(parts(voltages).view(), writer),
+    })?;
+    let largest = voltages.iter().fold(0.0_f64, |m, v| m.max(v.norm()));
+    let text = format!(
+        "{} complex voltages at {} Hz, largest {largest:.4e} V, from {} unknowns; backward error \
+         {:.1e}, growth {:.2}\nwritten: {}",
+        voltages.len(),
+        scene.frequency_hz(),
+        report.unknowns,
+        report.backward_error,
+        report.growth,
+        args.out.display()
+    );
+    let json = json!({
+        "scene": scene.name,
+        "out": args.out.display().to_string(),
+        "complex": true,
+        "frequency_hz": scene.frequency_hz(),
+        "measurements": voltages.len(),
+        "elements": solved.elements,
+        "largest_v": largest,
+        "warning": solved.warning,
+        "mesh_notes": solved.notes,
+        "solve": reactive::solve_json(report),
+        "stages": progress.times(),
+    });
+    Ok(Answer { text: with_warning(text, solved.warning.as_ref()), json })
+}
+
+/// One row in which real and imaginary parts alternate.
+fn parts(voltages: &Array1<Complex64>) -> Array2<f64> {
+    let part = |k: usize| if k % 2 == 0 { voltages[k / 2].re } else { voltages[k / 2].im };
+    Array2::from_shape_fn((1, 2 * voltages.len()), |(_, k)| part(k))
 }

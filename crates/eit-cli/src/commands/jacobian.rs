@@ -1,6 +1,6 @@
 //! `eit jacobian`
 
-use super::{Answer, check_ending, solve, solve_json, with_warning};
+use super::{Answer, check_ending, reactive, solve, solve_json, with_warning};
 use crate::cli::JacobianArgs;
 use crate::error::CliError;
 use crate::output::{OutFile, write_npy};
@@ -8,11 +8,14 @@ use crate::progress::Progress;
 use crate::scene::Scene;
 use serde_json::json;
 
-/// Solves, writes the Jacobian.
+/// Solves, writes the Jacobian; a complex one where the scene stores charge.
 pub(crate) fn run(args: &JacobianArgs) -> Result<Answer, CliError> {
     check_ending(&args.out, &["npy"])?;
     let scene = Scene::load(&args.scene)?;
     let out = OutFile::new(&args.out)?;
+    if scene.is_reactive() {
+        return complex(args, &scene, out);
+    }
     let mut progress = Progress::default();
     let files = (args.mesh.as_deref(), args.conductivity.as_deref());
     let solved = solve(&scene, files, &mut progress, |solution| solution.jacobian())?;
@@ -33,6 +36,37 @@ pub(crate) fn run(args: &JacobianArgs) -> Result<Answer, CliError> {
         "warning": solved.warning,
         "mesh_notes": solved.notes,
         "solve": solve_json(report),
+        "stages": progress.times(),
+    });
+    Ok(Answer { text: with_warning(text, solved.warning.as_ref()), json })
+}
+
+/// The holomorphic derivative of complex voltages with respect to complex admittivities.
+fn complex(args: &JacobianArgs, scene: &Scene, out: OutFile) -> Result<Answer, CliError> {
+    let mut progress = Progress::default();
+    let files = (args.mesh.as_deref(), args.conductivity.as_deref());
+    let solved = reactive::solve(scene, files, &mut progress, |solution| solution.jacobian())?;
+    let (jacobian, report) = (&solved.wanted, &solved.report);
+    out.write(|writer| write_npy(jacobian, writer))?;
+    let [rows, columns] = [jacobian.nrows(), jacobian.ncols()];
+    let text = format!(
+        "[{rows} measurements, {columns} elements], complex, in V/S at {} Hz from {} field solves; \
+         backward error {:.1e}, growth {:.2}\nwritten: {}",
+        scene.frequency_hz(),
+        report.field_solves,
+        report.backward_error,
+        report.growth,
+        args.out.display()
+    );
+    let json = json!({
+        "scene": scene.name,
+        "out": args.out.display().to_string(),
+        "complex": true,
+        "frequency_hz": scene.frequency_hz(),
+        "shape": [rows, columns],
+        "warning": solved.warning,
+        "mesh_notes": solved.notes,
+        "solve": reactive::solve_json(report),
         "stages": progress.times(),
     });
     Ok(Answer { text: with_warning(text, solved.warning.as_ref()), json })

@@ -6,6 +6,7 @@ use crate::draw;
 use crate::error::CliError;
 use crate::output::OutFile;
 use crate::picture::{ColorMap, MeshDrawing, PictureSettings, draw_mesh};
+use crate::pipeline::mesh_choice::{self, Accuracy, Choice, words};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use crate::view::View;
@@ -20,8 +21,8 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
     let out = OutFile::new(&args.out)?;
     let wanted = scene.mesh(args.nodes)?;
     let mut progress = Progress::default();
-    let (mesh, notes) = progress.stage("mesh", || wanted.build_noted())?;
-    notes.iter().for_each(|note| progress.note(note));
+    let Choice { mesh, elements, notes, accuracy } =
+        mesh_choice::mesh(&scene, (&wanted, args.nodes.is_some()), &mut progress)?;
     let quality = Quality::of(&mesh);
     out.write(|writer| match format.as_str() {
         "msh" => Ok(eit_mesh::write_gmsh(&mesh, &mut &mut *writer, GmshVersion::V4_1, &[])?),
@@ -43,10 +44,15 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
         "area_m2": quality.area_m2,
         "elements_per_electrode": quality.elements_per_electrode,
         "electrode_measures": measures(&mesh),
+        "elements": words(elements),
+        "accuracy": accuracy.as_ref().map(Accuracy::json),
         "mesh_notes": notes,
         "stages": progress.times(),
     });
-    Ok(Answer { text: format!("{quality}\nwritten: {}", args.out.display()), json })
+    let chosen = accuracy.map_or_else(String::new, |accuracy| {
+        format!("\nfor {} elements: {}", words(elements), accuracy.words())
+    });
+    Ok(Answer { text: format!("{quality}{chosen}\nwritten: {}", args.out.display()), json })
 }
 
 /// Length in metres or area in square metres of each electrode.

@@ -12,6 +12,7 @@ pub(crate) mod jacobian;
 pub(crate) mod live;
 pub(crate) mod mesh;
 pub(crate) mod plan;
+mod reactive;
 pub(crate) mod reconstruct;
 pub(crate) mod record;
 pub(crate) mod replay;
@@ -24,7 +25,7 @@ use crate::error::CliError;
 use crate::pipeline;
 use crate::progress::Progress;
 use crate::scene::Scene;
-use eit_fem::{Solution, SolveReport};
+use eit_fem::{Solution, SolvePath, SolveReport};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -42,17 +43,23 @@ fn solve_json(report: &SolveReport) -> Value {
         "unknowns": report.unknowns,
         "factor_entries": report.factor_entries,
         "field_solves": report.field_solves,
+        "path": match report.path {
+            SolvePath::Plain => "plain",
+            SolvePath::Stable => "stable",
+            SolvePath::Accurate => "accurate",
+        },
         "backward_error": report.backward_error,
+        "error_bound": report.error_bound,
         "expected_loss": report.expected_loss,
         "time_s": report.time_s,
     })
 }
 
-/// One solve of `eit forward` and `eit jacobian`.
-struct Solved<T> {
+/// One solve of `eit forward` and `eit jacobian`, `R` its report.
+struct Solved<T, R = SolveReport> {
     elements: usize,
     wanted: T,
-    report: SolveReport,
+    report: R,
     warning: Option<String>,
     /// What was mended in the mesh file.
     notes: Vec<String>,
@@ -66,15 +73,15 @@ fn solve<T>(
     take: impl FnOnce(&mut Solution<'_>) -> T,
 ) -> Result<Solved<T>, CliError> {
     let setup = pipeline::setup(scene, mesh_file, None, progress)?;
-    let (elements, notes) = (setup.model.elements(), setup.notes);
+    let elements = setup.model.elements();
     let sigma = conductivity(scene, conductivity_file, elements)?;
     progress.stage("solve", || {
         let mut workspace = setup.model.workspace()?;
-        let mut solution = setup.model.solve(&sigma, &mut workspace)?;
+        let mut solution = setup.solve(&sigma, &mut workspace)?;
         let wanted = take(&mut solution);
         let report = solution.report();
         let warning = pipeline::certain(&report)?;
-        Ok(Solved { elements, wanted, report, warning, notes })
+        Ok(Solved { elements, wanted, report, warning, notes: setup.notes.clone() })
     })
 }
 
@@ -89,24 +96,30 @@ fn with_warning(text: String, warning: Option<&String>) -> String {
 /// The conductivity to solve for: a file's, checked for length, or the scene's background.
 fn conductivity(scene: &Scene, file: Option<&Path>, elements: usize) -> Result<Vec<f64>, CliError> {
     let Some(path) = file else { return Ok(vec![scene.skin.conductivity_s; elements]) };
-    let recording =
+    let table = per_element(path, elements)?;
+    if table.imaginary.is_some() {
+        let message = "complex values; a conductivity is real, and nothing in the scene stores charge \
+                       (protocol.frequency_hz and a capacitance)";
+        return Err(CliError::input(format!("{}: {message}", path.display())));
+    }
+    Ok(table.real.iter().copied().collect())
+}
+
+/// A file of one value per element, in file order.
+fn per_element(path: &Path, elements: usize) -> Result<eit_hw::Recording, CliError> {
+    let table =
         eit_hw::read_recording(path, None, &eit_hw::ReadOptions::default()).map_err(|e| {
             CliError::input(format!("conductivity, one siemens value per element: {e}"))
         })?;
-    if recording.imaginary.is_some() {
-        let message = "complex values; a conductivity is real";
-        return Err(CliError::input(format!("{}: {message}", path.display())));
-    }
-    let values: Vec<f64> = recording.real.iter().copied().collect();
-    if values.len() != elements {
+    let found = table.real.len();
+    if found != elements {
         return Err(CliError::input(format!(
-            "{}: {} values, but the mesh has {elements} elements: one conductivity each, in file \
+            "{}: {found} values, but the mesh has {elements} elements: one conductivity each, in file \
              order",
             path.display(),
-            values.len()
         )));
     }
-    Ok(values)
+    Ok(table)
 }
 
 /// The ending of a path, lower case.

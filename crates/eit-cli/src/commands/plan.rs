@@ -5,8 +5,10 @@ pub(crate) mod expected;
 pub(super) mod left_out;
 mod method_words;
 mod net;
+mod reactive;
 pub(crate) mod sequence;
 pub(crate) mod stages;
+mod voltage_error;
 
 use super::Answer;
 use crate::cli::PlanArgs;
@@ -14,17 +16,15 @@ use crate::error::CliError;
 use crate::machine::Machine;
 use crate::measured;
 use crate::method::{self, MethodChoice};
-use crate::pipeline::{self, Setup, series};
+use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
 use crate::scene::Scene;
+use eit_fem::SolvePath;
 use expected::Expected;
 use sequence::Sequence;
 use serde_json::{Value, json};
 use stages::Stage;
-
-/// Degree of the mesh-free series: the two digits printed do not change from degree 8 to 24 on the
-/// paper-disc.
-const PLAN_DEGREE: usize = 12;
+use voltage_error::VoltageError;
 
 /// Builds what sizes need (mesh and symbolic factorisation), predicts the rest.
 pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
@@ -34,6 +34,9 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
         return Ok(Answer { text: text.trim_end().to_owned(), json });
     }
     let scene = Scene::load(&args.scene)?;
+    if scene.is_reactive() {
+        return reactive::run(&scene, args);
+    }
     method::choose(&scene, args.method.as_deref(), None)?;
     let mut progress = Progress::default();
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
@@ -41,7 +44,7 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     let scene_is_live = scene.instrument.is_some() && scene.recording.file.is_none();
     let mut recording = sequence::read(&scene, &setup, &mut progress);
     let frames = recording.as_ref().map(|frames| frames.values.nrows());
-    let voltages = progress.stage("voltages", || untouched(&scene, &setup))?;
+    let (voltages, path) = progress.stage("voltages", || untouched(&scene, &setup))?;
     let scene = measured::in_time(scene, &setup, (frames, scene_is_live), &voltages)?;
     let choice = method::choose(&scene, args.method.as_deref(), frames)?;
     let sequence = Sequence::of(&scene, &setup, choice.method, recording.as_mut(), &mut progress);
@@ -50,12 +53,13 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
     let expected = Expected::of(&scene, &setup, images, &voltages, &machine)?;
     let planned = (choice.method, sequence);
     let mut stages = stages::of(&scene, &setup, planned, (&machine, expected.row.as_ref()));
+    stages.extend(stages::linearisation(&setup, path, &machine));
     let of_net = (setup.protocol.measurements(), stages::skin_share(&setup));
     stages.extend(net::of(&scene, crate::denoise::of_scene(&scene)?.as_ref(), of_net));
     let left_out = left_out::of(&scene, &setup, choice.method, sequence);
     let words = method_words::of(&scene, choice.method, sequence);
-    let voltage_error =
-        progress.stage("mesh-free comparison", || voltage_error(&scene, &setup, &voltages))?;
+    let error =
+        progress.stage("error of the mesh", || VoltageError::of(&scene, &setup, &voltages))?;
     let json = json!({
         "scene": scene.name,
         "method": choice.method.name(),
@@ -67,13 +71,14 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
         "stages": stages.iter().map(stage_json).collect::<Vec<_>>(),
         "left_out": left_out.iter().map(|(what, why)| json!({"what": what, "why": why}))
             .collect::<Vec<_>>(),
-        "expected_voltage_error": voltage_error,
+        "expected_voltage_error": error.of_mesh,
+        "voltage_error": error.json(),
         "expected_images": expected.json(),
         "machine": machine,
         "built": progress.times(),
     });
     let parts = (&stages[..], &left_out, &words[..]);
-    let text = text(&scene.name, &choice, parts, (voltage_error, &expected, &machine));
+    let text = text(&scene.name, &choice, parts, (&error, &expected, &machine));
     Ok(Answer { text, json })
 }
 
@@ -84,35 +89,15 @@ fn text(
     name: &str,
     choice: &MethodChoice,
     (stages, left_out, words): (&[Stage], &LeftOut, &[String]),
-    (voltage_error, expected, machine): (Option<f64>, &Expected, &Machine),
+    (error, expected, machine): (&VoltageError, &Expected, &Machine),
 ) -> String {
     let mut lines = vec![
         format!("method {}: {}", choice.method.name(), choice.why),
         format!("{name}: what is done"),
     ];
-    for s in stages {
-        lines.push(format!(
-            "  {:<22} {:<44} {:>9} flop {:>9} B {:>9} s",
-            s.name,
-            s.size,
-            short(s.flops),
-            short(s.bytes),
-            short(s.time_s)
-        ));
-        lines.push(format!("  {:<22} {}", "", s.why));
-    }
+    lines.extend(stages.iter().flat_map(stage_lines));
     lines.push(format!("times on this machine: {}", machine.words()));
-    lines.push(match voltage_error {
-        Some(error) => format!(
-            "expected error of the voltages on this mesh: {error:.1e} of the largest (homogeneous \
-             skin, against the mesh-free series)"
-        ),
-        None => {
-            "expected error of the voltages: not computed (the mesh-free series is for discs of \
-                 at most 32 equal electrodes); compare with a finer [mesh]"
-                .to_owned()
-        }
-    });
+    lines.extend(error.words());
     lines.extend(expected.words());
     if !words.is_empty() {
         lines.push("how the method works on this scene".to_owned());
@@ -123,22 +108,27 @@ fn text(
     lines.join("\n")
 }
 
-/// Voltages of the untouched skin on this mesh.
-fn untouched(scene: &Scene, setup: &Setup) -> Result<Vec<f64>, CliError> {
-    let background = vec![scene.skin.conductivity_s; setup.model.elements()];
-    let mut workspace = setup.model.workspace()?;
-    Ok(setup.model.solve(&background, &mut workspace)?.measurements().to_vec())
+/// What is done, and why.
+fn stage_lines(s: &Stage) -> [String; 2] {
+    [
+        format!(
+            "  {:<22} {:<44} {:>9} flop {:>9} B {:>9} s",
+            s.name,
+            s.size,
+            short(s.flops),
+            short(s.bytes),
+            short(s.time_s)
+        ),
+        format!("  {:<22} {}", "", s.why),
+    ]
 }
 
-/// Error of this mesh on the homogeneous disc, relative to the largest voltage.
-fn voltage_error(scene: &Scene, setup: &Setup, found: &[f64]) -> Result<Option<f64>, CliError> {
-    let Some(exact) = series::disc_voltages(scene, setup, PLAN_DEGREE)? else { return Ok(None) };
-    let (mut largest, mut error) = (0.0_f64, 0.0_f64);
-    for (exact, found) in exact.iter().zip(found) {
-        largest = largest.max(exact.abs());
-        error = error.max((exact - found).abs());
-    }
-    Ok(Some(error / largest))
+/// Voltages of the untouched skin on this mesh, and the path of their solve.
+fn untouched(scene: &Scene, setup: &Setup) -> Result<(Vec<f64>, SolvePath), CliError> {
+    let background = vec![scene.skin.conductivity_s; setup.model.elements()];
+    let mut workspace = setup.model.workspace()?;
+    let mut solution = setup.solve(&background, &mut workspace)?;
+    Ok((solution.measurements().to_vec(), solution.report().path))
 }
 
 fn stage_json(stage: &Stage) -> Value {

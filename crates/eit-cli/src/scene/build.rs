@@ -1,11 +1,11 @@
 //! From the scene's keys to the settings of the library crates.
 
 use super::{
-    DifferenceKind, Direction, Driven, ElementKeys, OneOrMany, Order, Pair, Position, Scene, Shape,
-    plain,
+    AccuracyKeys, AccuracyRule, DifferenceKind, Direction, Driven, ElementKeys, OneOrMany, Order,
+    Pair, Position, Scene, Shape, plain,
 };
 use crate::error::CliError;
-use eit_fem::{DrivenElectrodes, Elements, PairPattern, PairProtocol, Protocol};
+use eit_fem::{DrivenElectrodes, Elements, PairPattern, PairProtocol, Protocol, RequiredAccuracy};
 use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
 use std::path::{Path, PathBuf};
 
@@ -94,12 +94,28 @@ impl SceneMesh {
 }
 
 impl Scene {
-    /// The kind of finite elements.
-    pub fn elements(&self) -> Elements {
+    /// The kind of finite elements that the scene names, or needs: derivatives along displacements of
+    /// electrodes are those of linear ones.
+    pub fn elements(&self) -> Option<Elements> {
+        let moves = self.reconstruction.electrode_movement_m.is_some();
         match self.mesh.elements {
-            ElementKeys::Linear => Elements::Linear,
-            ElementKeys::Quadratic => Elements::Quadratic,
+            Some(ElementKeys::Linear) => Some(Elements::Linear),
+            Some(ElementKeys::Quadratic) => Some(Elements::Quadratic),
+            None => moves.then_some(Elements::Linear),
         }
+    }
+
+    /// The accuracy that the mesh is chosen for, if the scene requires one.
+    pub fn required_accuracy(&self) -> Result<Option<RequiredAccuracy>, CliError> {
+        let key = "noise.additive_v";
+        Ok(match &self.mesh.required_accuracy {
+            None => None,
+            Some(AccuracyKeys::Relative(value)) => Some(RequiredAccuracy::Relative(*value)),
+            Some(AccuracyKeys::Rule(AccuracyRule::Noise)) => {
+                let why = "mesh.required_accuracy = \"noise\"";
+                Some(RequiredAccuracy::Volts(self.needed(self.noise.additive_v, key, why)?))
+            }
+        })
     }
 
     /// The mesh this scene asks for, checked; `nodes` overrides its density.
@@ -135,6 +151,26 @@ impl Scene {
             }
         }
         Ok(SceneMesh::Generated { shape, electrodes, settings })
+    }
+
+    /// A mesh of the family that the scene's mesh is chosen from ([`MeshSettings::similar`]).
+    pub fn similar_mesh(&self, scale: f64) -> Result<Mesh, CliError> {
+        let shape = self.shape()?;
+        // the search has a limit of its own
+        let node_limit = MeshSettings::default().node_limit;
+        let settings = MeshSettings { node_limit, ..self.mesh_settings()? };
+        Ok(match self.electrodes()? {
+            SceneElectrodes::Rim(rim) => {
+                let settings = settings.similar(&shape, rim.width_m, scale)?;
+                eit_mesh::generate(&shape, &rim, &settings)?
+            }
+            SceneElectrodes::Placed(placed) => {
+                let widths = placed.iter().map(PlacedElectrode::width_m);
+                let narrowest_m = widths.fold(f64::INFINITY, f64::min);
+                let settings = settings.similar(&shape, narrowest_m, scale)?;
+                eit_mesh::generate_placed(&shape, &placed, &settings)?
+            }
+        })
     }
 
     fn mesh_settings(&self) -> Result<MeshSettings, CliError> {
@@ -244,7 +280,7 @@ impl Scene {
     }
 
     /// One value for each electrode; zeros where the key is not there.
-    fn each(
+    pub(super) fn each(
         &self,
         key: &str,
         values: Option<&OneOrMany>,
@@ -406,7 +442,7 @@ impl Scene {
         value.ok_or_else(|| self.error(format!("{key} is missing: {why} needs it")))
     }
 
-    fn error(&self, message: String) -> CliError {
+    pub(super) fn error(&self, message: String) -> CliError {
         CliError::input(message).within(&self.place)
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Shapes, electrodes and protocols are checked by the crates that build them.
 
-use super::{Delta, ElementKeys, Hyperparameter, PriorKind, Rule, Scene, Shape};
+use super::{AccuracyKeys, Delta, ElementKeys, Hyperparameter, PriorKind, Rule, Scene, Shape};
 use crate::error::CliError;
 use crate::method::Method;
 
@@ -14,8 +14,10 @@ impl Scene {
     pub(super) fn check(&self) -> Result<(), CliError> {
         self.check_numbers()
             .and_then(|()| self.check_tv())
+            .and_then(|()| self.check_reactive())
             .and_then(|()| self.check_company())
             .and_then(|()| self.check_method())
+            .and_then(|()| self.required_accuracy().map(|_| ()))
             .and_then(|()| self.check_movement())
             .map_err(|e| e.within(&self.place))
     }
@@ -32,7 +34,7 @@ impl Scene {
         } else if self.reconstruction.method.as_deref() == Some(absolute) {
             "method = \"gauss-newton-absolute\" exclude each other: movement is taken out of \
              differences, before a linear method; keep one"
-        } else if self.mesh.elements == ElementKeys::Quadratic {
+        } else if self.mesh.elements == Some(ElementKeys::Quadratic) {
             "[mesh] elements = \"quadratic\" exclude each other: derivatives along displacements are \
              those of linear elements; keep one"
         } else {
@@ -83,6 +85,14 @@ impl Scene {
         if let Some(scale) = self.recording.scale.filter(|s| !s.is_finite() || *s == 0.0) {
             let message = format!("recording.scale is {scale}: it must be finite and not zero");
             return Err(CliError::input(message));
+        }
+        if let Some(AccuracyKeys::Relative(value)) = self.mesh.required_accuracy
+            && !(value > 0.0 && value < 1.0)
+        {
+            return Err(CliError::input(format!(
+                "mesh.required_accuracy is {value}: a part of the largest voltage is above 0 and \
+                 below 1"
+            )));
         }
         if let Some(pixels) = image.pixels.filter(|p| !(1..=MOST_PIXELS).contains(p)) {
             let message =
@@ -177,6 +187,7 @@ impl Scene {
         // a file that brings its electrodes is taken as it is
         let own = ("skin.shape = \"mesh\" without positions_m", file.1 && !positions.1);
         let radius = ("electrodes.radius_m", electrodes.radius_m.is_some());
+        let accuracy = ("mesh.required_accuracy", mesh.required_accuracy.is_some());
         let exclusive = [
             (drive, pairs),
             (drive, quadruples),
@@ -196,6 +207,9 @@ impl Scene {
             (own, ("mesh.electrode_edge_m", mesh.electrode_edge_m.is_some())),
             (own, ("mesh.grading", mesh.grading.is_some())),
             (("mesh.nodes", mesh.nodes.is_some()), ("mesh.edge_m", mesh.edge_m.is_some())),
+            (accuracy, ("mesh.nodes", mesh.nodes.is_some())),
+            (accuracy, ("mesh.edge_m", mesh.edge_m.is_some())),
+            (accuracy, ("mesh.electrode_edge_m", mesh.electrode_edge_m.is_some())),
             (
                 ("noise.additive_v", self.noise.additive_v.is_some()),
                 ("noise.quiet_frames", self.noise.quiet_frames.is_some()),
@@ -212,7 +226,22 @@ impl Scene {
         let figure_rule =
             matches!(image.hyperparameter, None | Some(Hyperparameter::Rule(Rule::NoiseFigure)));
         let smooth = matches!(image.prior, None | Some(PriorKind::Laplace | PriorKind::Gaussian));
+        let capacitance =
+            skin.permittivity_f.is_some() || electrodes.contact_capacitance_f_per_m.is_some();
+        let frequency = ("protocol.frequency_hz", protocol.frequency_hz.is_some());
         let needs = [
+            (("skin.permittivity_f", skin.permittivity_f.is_some()), frequency),
+            (
+                (
+                    "electrodes.contact_capacitance_f_per_m",
+                    electrodes.contact_capacitance_f_per_m.is_some(),
+                ),
+                frequency,
+            ),
+            (
+                frequency,
+                ("skin.permittivity_f or electrodes.contact_capacitance_f_per_m", capacitance),
+            ),
             (
                 ("protocol.measurement_file", protocol.measurement_file.is_some()),
                 ("protocol.stimulation_file", stimulation.1),

@@ -9,6 +9,7 @@ mod builtin;
 mod check;
 mod instrument;
 mod parse;
+mod reactive;
 mod reconstruction;
 
 pub(crate) use build::{SceneElectrodes, SceneMesh};
@@ -83,6 +84,8 @@ pub(crate) struct Skin {
     /// Metres per unit of the file.
     pub scale_m: Option<f64>,
     pub conductivity_s: f64,
+    /// Capacitance of the sheet, farad per square.
+    pub permittivity_f: Option<f64>,
 }
 
 /// `skin.shape`
@@ -109,6 +112,8 @@ pub(crate) struct Electrodes {
     #[serde(default)]
     pub direction: Direction,
     pub contact_impedance_ohm_m: Option<OneOrMany>,
+    /// Beside the contact impedance; of a patch farad per square metre.
+    pub contact_capacitance_f_per_m: Option<OneOrMany>,
     pub positions_m: Option<Vec<Position>>,
 }
 
@@ -180,6 +185,8 @@ pub(crate) struct ProtocolKeys {
     #[serde(default)]
     pub order: Order,
     pub current_a: Option<f64>,
+    /// Of the drive current; only capacitances ask for it.
+    pub frequency_hz: Option<f64>,
     /// Set to false to reconstruct although the order of the data looks wrong.
     pub check_order: Option<bool>,
 }
@@ -211,15 +218,32 @@ pub(crate) struct MeshKeys {
     pub grading: Option<f64>,
     pub nodes: Option<usize>,
     pub node_limit: Option<usize>,
-    #[serde(default)]
-    pub elements: ElementKeys,
+    /// Left out: linear, or with `required_accuracy` the cheaper kind.
+    pub elements: Option<ElementKeys>,
+    /// The mesh is chosen so that its voltages are as exact as this.
+    pub required_accuracy: Option<AccuracyKeys>,
+}
+
+/// `mesh.required_accuracy`: a part of the largest voltage, or "noise".
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged, expecting = "a part of the largest voltage, or \"noise\"")]
+pub(crate) enum AccuracyKeys {
+    Relative(f64),
+    Rule(AccuracyRule),
+}
+
+/// Rules of `mesh.required_accuracy`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum AccuracyRule {
+    /// The standard deviation of a voltage.
+    Noise,
 }
 
 /// `mesh.elements`
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(crate) enum ElementKeys {
-    #[default]
     Linear,
     Quadratic,
 }

@@ -1,22 +1,21 @@
-//! Sparse `L D L^T` in twice the precision, row by row.
+//! Sparse `L D L^T` in any precision, row by row.
 //!
 //! The up-looking algorithm (Davis, "Algorithm 849: a concise sparse Cholesky factorization
 //! package", 2005): the pattern of each row of `L` is read from the elimination tree. Pivots are
 //! not exchanged: the matrix is positive definite.
 
-use super::Number;
-use super::network::number;
+use super::real::Real;
 
 /// Lower triangle by rows: columns ascend, the diagonal is the last entry of a row.
-pub(super) struct Rows {
+pub(super) struct Rows<T> {
     pub starts: Vec<usize>,
     pub columns: Vec<u32>,
-    pub values: Vec<Number>,
+    pub values: Vec<T>,
 }
 
-impl Rows {
+impl<T: Real> Rows<T> {
     /// From entries `((row, column), value)`; equal places are added in the order given.
-    pub fn new(unknowns: usize, mut entries: Vec<((u32, u32), Number)>) -> Self {
+    pub fn new(unknowns: usize, mut entries: Vec<((u32, u32), T)>) -> Self {
         entries.sort_by_key(|e| e.0);
         let mut rows =
             Self { starts: vec![0; unknowns + 1], columns: Vec::new(), values: Vec::new() };
@@ -38,38 +37,33 @@ impl Rows {
 }
 
 /// The factor: unit lower triangle by columns, and the pivots.
-pub(super) struct Ldl {
+pub(super) struct Ldl<T> {
     starts: Vec<usize>,
     rows: Vec<u32>,
-    values: Vec<Number>,
-    pivots: Vec<Number>,
+    values: Vec<T>,
+    pivots: Vec<T>,
 }
-
-/// A pivot below this part of its diagonal has lost too much to be trusted: of the 104 bits 30 must
-/// be left. The bound of the voltages relies on it: a pivot of rounding alone would hold its unknown
-/// near zero in every field, where no residual weighs anything.
-const LOST: f64 = f64::EPSILON * f64::EPSILON * (1u64 << 30) as f64;
 
 const NONE: u32 = u32::MAX;
 
-impl Ldl {
+impl<T: Real> Ldl<T> {
     /// Factorises; the row of a pivot that rounding may have made is the error.
-    pub fn new(matrix: &Rows) -> Result<Self, usize> {
+    pub fn new(matrix: &Rows<T>) -> Result<Self, usize> {
         let unknowns = matrix.starts.len() - 1;
         let (parents, starts) = tree(matrix);
         let entries = starts[unknowns];
         let mut factor = Self {
             rows: vec![0; entries],
-            values: vec![number(0.0); entries],
-            pivots: vec![number(0.0); unknowns],
+            values: vec![T::of(0.0); entries],
+            pivots: vec![T::of(0.0); unknowns],
             starts,
         };
         let mut filled = vec![0usize; unknowns];
         let mut flags = vec![NONE; unknowns];
-        let mut row = vec![number(0.0); unknowns];
+        let mut row = vec![T::of(0.0); unknowns];
         let (mut path, mut pattern) = (Vec::new(), Vec::new());
         for k in 0..unknowns {
-            let mut pivot = number(0.0);
+            let mut pivot = T::of(0.0);
             let mut diagonal = 0.0;
             flags[k] = k as u32;
             pattern.clear();
@@ -77,7 +71,7 @@ impl Ldl {
                 let mut i = matrix.columns[at] as usize;
                 if i == k {
                     pivot = matrix.values[at];
-                    diagonal = pivot.0;
+                    diagonal = pivot.high();
                     continue;
                 }
                 row[i] = matrix.values[at];
@@ -91,7 +85,7 @@ impl Ldl {
                 pattern.extend(path.iter().rev().copied());
             }
             for &i in pattern.iter().rev() {
-                let value = std::mem::replace(&mut row[i], number(0.0));
+                let value = std::mem::replace(&mut row[i], T::of(0.0));
                 let from = factor.starts[i];
                 let to = from + filled[i];
                 for (at, l) in factor.rows[from..to].iter().zip(&factor.values[from..to]) {
@@ -104,7 +98,8 @@ impl Ldl {
                 factor.values[to] = l;
                 filled[i] += 1;
             }
-            let sound = pivot.0 > 0.0 && pivot.0 >= LOST * diagonal && pivot.0.is_finite();
+            let size = pivot.high();
+            let sound = size > 0.0 && size >= T::LOST * diagonal && size.is_finite();
             if !sound {
                 return Err(k);
             }
@@ -119,13 +114,13 @@ impl Ldl {
     }
 
     /// Solves in place for `count` right-hand sides, `x` [unknown, right-hand side].
-    pub fn solve(&self, x: &mut [Number], count: usize) {
+    pub fn solve(&self, x: &mut [T], count: usize) {
         let unknowns = self.pivots.len();
         for j in 0..unknowns {
             let (head, tail) = x.split_at_mut((j + 1) * count);
             let own = &head[j * count..];
             // currents enter at the last unknowns: nothing to carry before them
-            if own.iter().all(|v| v.0 == 0.0) {
+            if own.iter().all(|v| v.high() == 0.0) {
                 continue;
             }
             for at in self.starts[j]..self.starts[j + 1] {
@@ -150,7 +145,7 @@ impl Ldl {
 }
 
 /// Elimination tree, and where each column of the factor starts.
-fn tree(matrix: &Rows) -> (Vec<u32>, Vec<usize>) {
+fn tree<T>(matrix: &Rows<T>) -> (Vec<u32>, Vec<usize>) {
     let unknowns = matrix.starts.len() - 1;
     let (mut parents, mut flags) = (vec![NONE; unknowns], vec![NONE; unknowns]);
     let mut starts = vec![0; unknowns + 1];

@@ -1,4 +1,4 @@
-//! The forward problem in twice the precision, in variables that stiff contacts cannot spoil.
+//! The forward problem in variables that stiff contacts cannot spoil, in `f64` or twice the precision.
 //!
 //! Eliminating each electrode potential, `U = mu + z I / length` with the mean `mu` of the skin's
 //! potential over the electrode, leaves a problem on the skin alone:
@@ -12,7 +12,8 @@
 //! measured between electrodes without current. A small `z` multiplies deviations from the mean
 //! only, which are variables of their own ([`network`]). Both limits, `z = 0` (a shunt) and
 //! infinite `z` (an ideal current source), are ordinary cases. What is left is the contrast of the
-//! skin and the shape of its triangles, and against those all numbers carry 32 digits.
+//! skin and the shape of its triangles, and against those numbers carry 32 digits where the bound in
+//! `f64` does not suffice (a bound 1e5 times the error in the cases of `tests/accurate.rs`).
 //!
 //! **Bound.** With fields `x_k` of unit currents and their residuals `r_l = e_l - A x_l`, the
 //! transfer value `mu_k` under current `l` is `e_k^T x_l + x_k^T r_l + (A^-1 r_k)^T r_l`. The second
@@ -20,10 +21,12 @@
 //! second term and twice the rounding of every step in it, `gamma sum_b size_b (|t_k| a_l + a_k
 //! |t_l|)` over branches with `t = e_b . x`, `a = |e_b| . |x|`. It takes the third term to
 //! be below the second, which holds while the factor has right digits: a pivot that keeps fewer than
-//! 30 of its 104 bits is refused ([`ldl`]).
+//! 30 of its 104 bits, or half of 52, is refused ([`ldl`]).
 
 mod ldl;
 mod network;
+mod real;
+mod transfer;
 
 use crate::FemError;
 use crate::assembly::Adjacency;
@@ -32,13 +35,9 @@ use crate::geometry::Geometry;
 use crate::solver::order;
 use crate::workspace::Workspace;
 use ldl::{Ldl, Rows};
-use network::{Combination, Network, number};
-
-/// Twice the precision: the unevaluated sum of two `f64`, from the library of the factorisation.
-pub(crate) type Number = faer::fx128;
-
-/// Unit roundoff of [`Number`] with room for its fast addition: 2^-104.
-const ROUNDING: f64 = f64::EPSILON * f64::EPSILON;
+use network::{Combination, Network};
+use real::{Real, Twice};
+use transfer::Transfer;
 
 /// What a solve leaves beside the potentials in the workspace.
 #[derive(Debug)]
@@ -57,10 +56,40 @@ pub(crate) struct Accurate {
     pub condition: f64,
     /// Stored entries of the factor.
     pub factor_entries: usize,
+    /// Whether numbers had twice the precision.
+    pub twice: bool,
 }
 
-/// Solves for checked conductivities; potentials go into the workspace.
+impl Accurate {
+    /// Largest bound over the largest voltage.
+    pub fn bound(&self) -> f64 {
+        let largest = |values: &[f64]| values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        largest(&self.bounds_v) / largest(&self.voltages_v)
+    }
+
+    /// What the potentials of the workspace lack, where it is anything.
+    pub fn low(&self) -> Option<&[f64]> {
+        self.twice.then_some(&self.low)
+    }
+}
+
+/// Solves for checked conductivities; potentials go into the workspace. Where `f64` meets the
+/// required accuracy (relative to the largest voltage), in that, else in twice its precision.
 pub(crate) fn solve(
+    model: &ForwardModel,
+    geometry: &Geometry,
+    conductivity_s: &[f64],
+    workspace: &mut Workspace,
+    required_accuracy: f64,
+) -> Result<Accurate, FemError> {
+    let found = solve_in::<f64>(model, geometry, conductivity_s, workspace);
+    match found {
+        Ok(found) if found.bound() <= required_accuracy => Ok(found),
+        _ => solve_in::<Twice>(model, geometry, conductivity_s, workspace),
+    }
+}
+
+fn solve_in<T: Real>(
     model: &ForwardModel,
     geometry: &Geometry,
     conductivity_s: &[f64],
@@ -68,7 +97,7 @@ pub(crate) fn solve(
 ) -> Result<Accurate, FemError> {
     let scale = power_of_two_near(conductivity_s);
     let scaled: Vec<f64> = conductivity_s.iter().map(|s| s / scale).collect();
-    let network = Network::new(model, geometry, &scaled, scale)?;
+    let network = Network::<T>::new(model, geometry, &scaled, scale)?;
     let places = Places::new(&network)?;
     let factor = Ldl::new(&places.matrix(&network))
         .map_err(|unknown| FemError::NotPositiveDefinite { unknown, unknowns: places.count })?;
@@ -100,7 +129,7 @@ struct Places {
 }
 
 impl Places {
-    fn new(network: &Network) -> Result<Self, FemError> {
+    fn new<T: Real>(network: &Network<T>) -> Result<Self, FemError> {
         let variables = network.nodes.len();
         let mut last = vec![false; variables];
         network.means.iter().for_each(|&m| last[m as usize] = true);
@@ -130,11 +159,14 @@ impl Places {
     }
 
     /// The terms of a combination that are unknowns.
-    fn terms<'a>(&'a self, of: &'a Combination) -> impl Iterator<Item = (usize, Number)> + 'a {
+    fn terms<'a, T: Real>(
+        &'a self,
+        of: &'a Combination<T>,
+    ) -> impl Iterator<Item = (usize, T)> + 'a {
         of.iter().filter_map(|&(v, c)| Some((self.of_variable[v as usize]? as usize, c)))
     }
 
-    fn matrix(&self, network: &Network) -> Rows {
+    fn matrix<T: Real>(&self, network: &Network<T>) -> Rows<T> {
         let mut entries = Vec::new();
         for branch in &network.branches {
             for (i, a) in self.terms(&branch.difference) {
@@ -148,206 +180,52 @@ impl Places {
 }
 
 /// Several columns [unknown, column], row-major.
-struct Columns {
-    values: Vec<Number>,
+struct Columns<T> {
+    values: Vec<T>,
     count: usize,
 }
 
-impl Columns {
+impl<T: Real> Columns<T> {
     /// One ampere into the mean of each electrode but the last.
-    fn unit_currents(places: &Places, network: &Network) -> Self {
+    fn unit_currents(places: &Places, network: &Network<T>) -> Self {
         let count = network.means.len() - 1;
-        let mut values = vec![number(0.0); places.count * count];
-        (0..count).for_each(|k| values[(places.inner + k) * count + k] = number(1.0));
+        let mut values = vec![T::of(0.0); places.count * count];
+        (0..count).for_each(|k| values[(places.inner + k) * count + k] = T::of(1.0));
         Self { values, count }
     }
 
-    fn row(&self, place: usize) -> &[Number] {
+    fn row(&self, place: usize) -> &[T] {
         &self.values[place * self.count..][..self.count]
     }
 }
 
-/// Means of the skin's potential under each electrode but the last, for unit currents.
-struct Transfer {
-    /// [electrode, current], ohm.
-    values: Vec<Number>,
-    /// Error bound of each value.
-    bounds: Vec<f64>,
-    /// Rounding part of each bound over [`Transfer::rounding`].
-    sensitivities: Vec<f64>,
-    rounding: f64,
-    backward_error: f64,
-    count: usize,
-}
-
-impl Transfer {
-    /// Corrects the solution by its residual, and bounds what remains. One pass over branches.
-    fn new(network: &Network, places: &Places, fields: &Columns) -> Self {
-        let count = fields.count;
-        let mut residual = Columns::unit_currents(places, network);
-        let mut sizes = vec![0.0; residual.values.len()];
-        let mut sensitivities = vec![0.0; count * count];
-        let (mut t, mut a) = (vec![number(0.0); count], vec![0.0; count]);
-        let mut longest = 0;
-        for branch in &network.branches {
-            longest = longest.max(branch.difference.len());
-            t.fill(number(0.0));
-            a.fill(0.0);
-            for (i, c) in places.terms(&branch.difference) {
-                for ((t, a), x) in t.iter_mut().zip(&mut a).zip(fields.row(i)) {
-                    *t += c * *x;
-                    *a += (c.0 * x.0).abs();
-                }
-            }
-            for (i, c) in places.terms(&branch.difference) {
-                let (weight, size) = (branch.weight * c, branch.size * c.0.abs());
-                for k in 0..count {
-                    residual.values[i * count + k] -= weight * t[k];
-                    sizes[i * count + k] += size * a[k];
-                }
-            }
-            for k in 0..count {
-                for l in 0..count {
-                    let product = t[k].0.abs() * a[l] + a[k] * t[l].0.abs();
-                    sensitivities[k * count + l] += branch.size * product;
-                }
-            }
-        }
-        // a term takes a few roundings, a sum one per term
-        let rounding = (64 + 4 * longest) as f64 * ROUNDING;
-        let (mut values, mut bounds) = (Vec::new(), Vec::new());
-        for k in 0..count {
-            for l in 0..count {
-                // sixteen digits of a term that starts at the thirtieth
-                let products = (0..places.count).map(|i| fields.row(i)[k].0 * residual.row(i)[l].0);
-                let correction: f64 = products.sum();
-                values.push(fields.row(places.inner + k)[l] + number(correction));
-                let rounded = 2.0 * rounding * sensitivities[k * count + l];
-                bounds.push(correction.abs() + rounded);
-            }
-        }
-        let ratio = |(r, s): (&Number, &f64)| if *s > 0.0 { r.0.abs() / s } else { 0.0 };
-        let backward_error = residual.values.iter().zip(&sizes).map(ratio).fold(0.0, f64::max);
-        Self { values, bounds, sensitivities, rounding, backward_error, count }
-    }
-
-    /// Every voltage, formed from its own products: what cancels never meets what does not.
-    fn voltages(
-        &self,
-        model: &ForwardModel,
-        geometry: &Geometry,
-        network: &Network,
-        scale: f64,
-    ) -> Accurate {
-        let (mut voltages_v, mut bounds_v, mut condition) = (Vec::new(), Vec::new(), 0.0_f64);
-        for &[s, m] in model.protocol().data() {
-            let mut voltage = number(0.0);
-            let (mut bound, mut sensitivity) = (0.0, 0.0);
-            for &(k, weight) in &model.patterns.measurements[m as usize] {
-                for &(l, current) in &model.patterns.stimulations_a[s as usize] {
-                    let factor = number(weight) * number(current);
-                    let (k, l) = (k as usize, l as usize);
-                    if k == l {
-                        let contact = factor * self.contact(geometry, network, k, scale);
-                        voltage += contact;
-                        bound += self.rounding * contact.0.abs();
-                    }
-                    if k < self.count && l < self.count {
-                        let at = k * self.count + l;
-                        voltage += factor * self.values[at];
-                        let rounded = self.rounding * self.values[at].0.abs();
-                        bound += factor.0.abs() * (self.bounds[at] + rounded);
-                        sensitivity += factor.0.abs() * self.sensitivities[at];
-                    }
-                }
-            }
-            voltages_v.push(voltage.0 / scale);
-            bounds_v.push(bound / scale + f64::EPSILON * (voltage.0 / scale).abs());
-            condition = condition.max(sensitivity / scale);
-        }
-        let largest = voltages_v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        Accurate {
-            voltages_v,
-            bounds_v,
-            low: Vec::new(),
-            levels_v: Vec::new(),
-            backward_error: self.backward_error,
-            condition: condition / largest,
-            factor_entries: 0,
-        }
-    }
-
-    /// `z / length` of an electrode in scaled units.
-    fn contact(&self, geometry: &Geometry, network: &Network, l: usize, scale: f64) -> Number {
-        number(geometry.impedance[l]) * number(scale) / network.measures[l]
-    }
-
-    /// Electrode potentials of every stimulation into the workspace; returns the potential of the
-    /// last electrode's mean. An infinite impedance that carries current has an infinite potential
-    /// and is left out of the mean that is zero.
-    fn potentials(
-        &self,
-        model: &ForwardModel,
-        geometry: &Geometry,
-        network: &Network,
-        scale: f64,
-        workspace: &mut Workspace,
-    ) -> Vec<f64> {
-        let electrodes = self.count + 1;
-        let rows = workspace.electrode_potentials.chunks_exact_mut(electrodes);
-        rows.zip(&model.patterns.stimulations_a)
-            .map(|(row, currents)| {
-                let mut exact = vec![number(0.0); electrodes];
-                let mut infinite = vec![None; electrodes];
-                for &(l, current) in currents {
-                    let l = l as usize;
-                    if geometry.impedance[l].is_infinite() {
-                        infinite[l] = Some(f64::INFINITY.copysign(current));
-                    } else {
-                        exact[l] += self.contact(geometry, network, l, scale) * number(current);
-                    }
-                    if l < self.count {
-                        for (k, u) in exact[..self.count].iter_mut().enumerate() {
-                            *u += self.values[k * self.count + l] * number(current);
-                        }
-                    }
-                }
-                let finite = exact.iter().zip(&infinite).filter(|(_, i)| i.is_none());
-                let (sum, n) = finite.fold((number(0.0), 0.0), |(s, n), (u, _)| (s + *u, n + 1.0));
-                let mean = if n > 0.0 { sum / number(n) } else { sum };
-                for ((u, e), i) in row.iter_mut().zip(&exact).zip(&infinite) {
-                    *u = i.unwrap_or((*e - mean).0 / scale);
-                }
-                -mean.0 / scale
-            })
-            .collect()
-    }
-}
-
 /// Writes the basis fields' node potentials, zero at the last electrode's mean; returns low parts.
-fn store_fields(
+fn store_fields<T: Real>(
     model: &ForwardModel,
-    network: &Network,
+    network: &Network<T>,
     places: &Places,
-    fields: &Columns,
+    fields: &Columns<T>,
     scale: f64,
     workspace: &mut Workspace,
 ) -> Vec<f64> {
     let basis = &model.fields.basis;
     let solves = basis.nrows();
-    let mut low = vec![0.0; workspace.potentials.len()];
+    let twice = T::ROUNDING < f64::EPSILON;
+    let mut low = vec![0.0; if twice { workspace.potentials.len() } else { 0 }];
     workspace.potentials.fill(0.0);
-    let mut unit = vec![number(0.0); fields.count];
+    let mut unit = vec![T::of(0.0); fields.count];
     for (i, node) in network.nodes.iter().enumerate() {
-        unit.fill(number(0.0));
+        unit.fill(T::of(0.0));
         for (place, c) in places.terms(node) {
             unit.iter_mut().zip(fields.row(place)).for_each(|(u, x)| *u += c * *x);
         }
         for r in 0..solves {
-            let terms = unit.iter().zip(basis.row(r)).map(|(u, b)| *u * number(*b));
-            let potential = terms.fold(number(0.0), |sum, term| sum + term);
-            workspace.potentials[i * solves + r] = potential.0 / scale;
-            low[i * solves + r] = potential.1 / scale;
+            let terms = unit.iter().zip(basis.row(r)).map(|(u, b)| *u * T::of(*b));
+            let potential = terms.fold(T::of(0.0), |sum, term| sum + term);
+            workspace.potentials[i * solves + r] = potential.high() / scale;
+            if twice {
+                low[i * solves + r] = potential.low() / scale;
+            }
         }
     }
     low

@@ -10,7 +10,7 @@
 //! `mu` of the skin's potential over it (in the place of one of its nodes, the pivot) and the
 //! deviations `d` of its other nodes. A small `z` then stands in the deviations only.
 
-use super::Number;
+use super::real::Real;
 use crate::FemError;
 use crate::electrode_model::Contact;
 use crate::forward::ForwardModel;
@@ -18,34 +18,34 @@ use crate::geometry::Geometry;
 use std::cmp::Ordering::Equal;
 
 /// A sparse combination of variables, ascending.
-pub(super) type Combination = Vec<(u32, Number)>;
+pub(super) type Combination<T> = Vec<(u32, T)>;
 
 /// One square of the energy.
-pub(super) struct Branch {
+pub(super) struct Branch<T> {
     /// What the weight multiplies the square of.
-    pub difference: Combination,
+    pub difference: Combination<T>,
     /// Conductance, siemens.
-    pub weight: Number,
+    pub weight: T,
     /// What the weight's rounding is relative to, at least `|weight|`.
     pub size: f64,
 }
 
 /// Branches, and what the variables mean.
-pub(super) struct Network {
-    pub branches: Vec<Branch>,
+pub(super) struct Network<T> {
+    pub branches: Vec<Branch<T>>,
     /// Potential of each node unknown in variables.
-    pub nodes: Vec<Combination>,
+    pub nodes: Vec<Combination<T>>,
     /// Variable of each electrode's mean.
     pub means: Vec<u32>,
     /// Length (rim) or area (patch) of each electrode.
-    pub measures: Vec<Number>,
+    pub measures: Vec<T>,
     /// Variables that a contact without impedance holds at zero.
     pub held: Vec<bool>,
     /// What conductances have been divided by.
     scale: f64,
 }
 
-impl Network {
+impl<T: Real> Network<T> {
     /// Of a geometry and checked conductivities that have been divided by `scale`.
     pub fn new(
         model: &ForwardModel,
@@ -54,7 +54,7 @@ impl Network {
         scale: f64,
     ) -> Result<Self, FemError> {
         let count = geometry.positions.len();
-        let variable = |i: usize| vec![(i as u32, number(1.0))];
+        let variable = |i: usize| vec![(i as u32, T::of(1.0))];
         let mut network = Self {
             branches: Vec::with_capacity(3 * conductivity_s.len()),
             nodes: (0..count).map(variable).collect(),
@@ -86,7 +86,7 @@ impl Network {
         owners: &mut [Option<usize>],
     ) -> Result<(), FemError> {
         let impedance = geometry.impedance[l];
-        let parts: Vec<(&[u32], Number)> = contact
+        let parts: Vec<(&[u32], T)> = contact
             .parts()
             .iter()
             .map(|nodes| (nodes.as_slice(), measure(nodes, &geometry.positions)))
@@ -99,15 +99,15 @@ impl Network {
             .iter()
             .filter(|(i, _)| !taken(*i, owners))
             .max_by(|a, b| {
-                (!shared(a.0), a.1.0).partial_cmp(&(!shared(b.0), b.1.0)).unwrap_or(Equal)
+                (!shared(a.0), a.1.high()).partial_cmp(&(!shared(b.0), b.1.high())).unwrap_or(Equal)
             })
             .map(|(i, _)| *i)
             .ok_or(FemError::NoNodeOfItsOwn { electrode: l + 1 })?;
         if impedance == 0.0 && weights.iter().any(|(i, _)| shared(*i)) {
             return Err(FemError::TouchingShunt { electrode: l + 1 });
         }
-        let heaviest = weights.iter().find(|w| w.0 == pivot).map_or(number(1.0), |w| w.1);
-        let mean = vec![(pivot, number(1.0))];
+        let heaviest = weights.iter().find(|w| w.0 == pivot).map_or(T::of(1.0), |w| w.1);
+        let mean = vec![(pivot, T::of(1.0))];
         let mut of_pivot = Vec::new();
         for &(i, weight) in weights.iter().filter(|w| w.0 != pivot) {
             let factor = -(weight / heaviest);
@@ -117,7 +117,7 @@ impl Network {
             } else {
                 owners[i as usize] = Some(l);
                 self.held[i as usize] = impedance == 0.0;
-                self.nodes[i as usize] = merge(vec![(pivot, number(1.0)), (i, number(1.0))]);
+                self.nodes[i as usize] = merge(vec![(pivot, T::of(1.0)), (i, T::of(1.0))]);
                 of_pivot.push((i, factor));
             }
         }
@@ -125,7 +125,7 @@ impl Network {
         of_pivot.extend(&mean);
         self.nodes[pivot as usize] = merge(of_pivot);
         self.means.push(pivot);
-        self.measures.push(parts.iter().fold(number(0.0), |sum, part| sum + part.1));
+        self.measures.push(parts.iter().fold(T::of(0.0), |sum, part| sum + part.1));
         if impedance > 0.0 && impedance.is_finite() {
             self.add_contact(&parts, &mean, impedance);
         }
@@ -134,16 +134,16 @@ impl Network {
 
     /// The form `1/z integral of (u - mu)^2`: for hat functions on a part of measure `h` with `d`
     /// nodes `h / (d (d+1)) (sum of squares + square of the sum)`.
-    fn add_contact(&mut self, parts: &[(&[u32], Number)], mean: &Combination, impedance: f64) {
+    fn add_contact(&mut self, parts: &[(&[u32], T)], mean: &Combination<T>, impedance: f64) {
         for (nodes, measure) in parts {
             let count = nodes.len() as f64;
-            let admittance = *measure / (number(impedance) * number(self.scale));
-            let weight = admittance / number(count * (count + 1.0));
-            let deviations: Vec<Combination> =
+            let admittance = *measure / (T::of(impedance) * T::of(self.scale));
+            let weight = admittance / T::of(count * (count + 1.0));
+            let deviations: Vec<Combination<T>> =
                 nodes.iter().map(|&i| difference(&self.nodes[i as usize], mean)).collect();
             let sum = merge(deviations.iter().flatten().copied().collect());
             for difference in deviations.into_iter().chain([sum]) {
-                self.branches.push(Branch { difference, weight, size: weight.0 });
+                self.branches.push(Branch { difference, weight, size: weight.high() });
             }
         }
     }
@@ -154,23 +154,18 @@ impl Network {
         for k in 0..3 {
             let (a, b) = (edge(corner(k), corner(k + 1)), edge(corner(k), corner(k + 2)));
             let double_area = length(cross(a, b));
-            let scale = number(sigma) / (number(2.0) * double_area);
-            let terms: [Number; 3] = std::array::from_fn(|c| a[c] * b[c]);
+            let scale = T::of(sigma) / (T::of(2.0) * double_area);
+            let terms: [T; 3] = std::array::from_fn(|c| a[c] * b[c]);
             let dot = terms[0] + terms[1] + terms[2];
             // rounding of the product of the edges, and of the area of a flat triangle
-            let product: f64 = terms.iter().map(|t| t.0.abs()).sum();
-            let flat = (length(a) * length(b) / double_area).0;
-            let size = scale.0 * (product + dot.0.abs() * flat);
+            let product: f64 = terms.iter().map(|t| t.high().abs()).sum();
+            let flat = (length(a) * length(b) / double_area).high();
+            let size = scale.high() * (product + dot.high().abs() * flat);
             let [i, j] = [triangle[(k + 1) % 3], triangle[(k + 2) % 3]];
             let difference = difference(&self.nodes[i as usize], &self.nodes[j as usize]);
             self.branches.push(Branch { difference, weight: scale * dot, size });
         }
     }
-}
-
-/// An exact number.
-pub(super) fn number(x: f64) -> Number {
-    Number::from_f64(x)
 }
 
 /// On how many electrodes each node is.
@@ -186,54 +181,54 @@ fn memberships(contacts: &[Contact], count: usize) -> Vec<u32> {
 }
 
 /// Integral of each node's hat function over the electrode, ascending.
-fn mean_weights(parts: &[(&[u32], Number)]) -> Combination {
-    let share = |(nodes, measure): &(&[u32], Number)| -> Combination {
-        let each = *measure / number(nodes.len() as f64);
+fn mean_weights<T: Real>(parts: &[(&[u32], T)]) -> Combination<T> {
+    let share = |(nodes, measure): &(&[u32], T)| -> Combination<T> {
+        let each = *measure / T::of(nodes.len() as f64);
         nodes.iter().map(|&i| (i, each)).collect()
     };
     merge(parts.iter().flat_map(share).collect())
 }
 
 /// Adds terms of one variable; exact zeros go.
-fn merge(mut terms: Combination) -> Combination {
+fn merge<T: Real>(mut terms: Combination<T>) -> Combination<T> {
     terms.sort_by_key(|t| t.0);
-    let mut merged: Combination = Vec::with_capacity(terms.len());
+    let mut merged: Combination<T> = Vec::with_capacity(terms.len());
     for (i, c) in terms {
         match merged.last_mut() {
             Some(last) if last.0 == i => last.1 += c,
             _ => merged.push((i, c)),
         }
     }
-    merged.retain(|t| t.1.0 != 0.0);
+    merged.retain(|t| t.1.high() != 0.0);
     merged
 }
 
-fn difference(a: &Combination, b: &Combination) -> Combination {
+fn difference<T: Real>(a: &Combination<T>, b: &Combination<T>) -> Combination<T> {
     merge(a.iter().copied().chain(b.iter().map(|&(i, c)| (i, -c))).collect())
 }
 
-type Vector = [Number; 3];
+type Vector<T> = [T; 3];
 
-fn edge(from: [f64; 3], to: [f64; 3]) -> Vector {
-    std::array::from_fn(|k| number(to[k]) - number(from[k]))
+fn edge<T: Real>(from: [f64; 3], to: [f64; 3]) -> Vector<T> {
+    std::array::from_fn(|k| T::of(to[k]) - T::of(from[k]))
 }
 
-fn cross(a: Vector, b: Vector) -> Vector {
+fn cross<T: Real>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
     let minor = |i: usize, j: usize| a[i] * b[j] - a[j] * b[i];
     [minor(1, 2), minor(2, 0), minor(0, 1)]
 }
 
-fn length(a: Vector) -> Number {
+fn length<T: Real>(a: Vector<T>) -> T {
     (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
 }
 
 /// Length of an edge or area of a triangle.
-fn measure(nodes: &[u32], positions: &[[f64; 3]]) -> Number {
+fn measure<T: Real>(nodes: &[u32], positions: &[[f64; 3]]) -> T {
     let place = |k: usize| positions[nodes[k] as usize];
     match nodes.len() {
         2 => length(edge(place(0), place(1))),
-        3 => number(0.5) * length(cross(edge(place(0), place(1)), edge(place(0), place(2)))),
+        3 => T::of(0.5) * length(cross(edge(place(0), place(1)), edge(place(0), place(2)))),
         // parts are edges or triangles
-        _ => number(0.0),
+        _ => T::of(0.0),
     }
 }

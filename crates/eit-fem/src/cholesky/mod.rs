@@ -26,6 +26,7 @@ mod front;
 mod symbolic;
 #[cfg(test)]
 mod tests;
+mod tree;
 
 use crate::FemError;
 use crate::assembly::Adjacency;
@@ -43,13 +44,13 @@ pub(crate) fn order<E>(
     positions_m: &[[f64; 3]],
     minimum_degree: impl Fn(&Adjacency) -> Result<Vec<u32>, E>,
 ) -> Result<Vec<u32>, E> {
-    let (whole, flops) = symbolic::postordered(graph, &minimum_degree(graph)?);
+    let (whole, flops) = tree::postordered(graph, &minimum_degree(graph)?);
     let count = graph.starts.len() - 1;
     if count < LARGE || positions_m.len() != count {
         return Ok(whole);
     }
     let dissected = dissection::order(graph, positions_m, minimum_degree)?;
-    let (dissected, dissected_flops) = symbolic::postordered(graph, &dissected);
+    let (dissected, dissected_flops) = tree::postordered(graph, &dissected);
     Ok(if dissected_flops < flops { dissected } else { whole })
 }
 

@@ -148,7 +148,7 @@ fn large_meshes_are_dissected() {
         let mut sorted = order.to_vec();
         sorted.sort_unstable();
         assert!(sorted.iter().zip(0..).all(|(a, b)| *a == b));
-        symbolic::postordered(&graph, order).1
+        tree::postordered(&graph, order).1
     };
     let dissected = crate::solver::order(&graph, &places).unwrap();
     let whole = crate::solver::order(&graph, &[]).unwrap();

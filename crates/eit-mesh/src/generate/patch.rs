@@ -5,8 +5,8 @@ use super::interior::{Triangulation, fill};
 use super::rim::Rim;
 use super::{MeshSettings, smooth};
 use crate::MeshError;
+use crate::flat_electrodes::Disc;
 use crate::geometry::cross;
-use crate::rim_electrodes::Disc;
 use crate::size_field::SizeField;
 use std::f64::consts::PI;
 

@@ -35,7 +35,8 @@ const FEWEST_CHORDS: f64 = 12.0;
 #[derive(Clone, Copy)]
 struct Breakpoint {
     s_m: f64,
-    /// Wanted edge length at an electrode end; `None` at a corner.
+    /// Wanted edge length at an electrode end or a corner that points into the skin; `None` at other
+    /// corners.
     end_size_m: Option<f64>,
 }
 
@@ -178,7 +179,10 @@ fn breakpoints_of(
         let d = (a - b).rem_euclid(length_m);
         d.min(length_m - d)
     };
-    let corner = |&s_m: &f64| Breakpoint { s_m, end_size_m: None };
+    let corner = |&s_m: &f64| Breakpoint {
+        s_m,
+        end_size_m: settings.corner_edge_m.filter(|_| l.points_in(s_m)).map(|e| e.min(edge_m)),
+    };
     let mut places: Vec<_> = l.corners_m().iter().map(corner).collect();
     let corners = places.len();
     for e in electrodes {

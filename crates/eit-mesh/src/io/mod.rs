@@ -1,5 +1,6 @@
 //! Mesh files: Gmsh in and out, STL and OBJ in, VTU out.
 
+mod gmsh_electrodes;
 mod gmsh_read;
 mod gmsh_sections;
 mod gmsh_write;

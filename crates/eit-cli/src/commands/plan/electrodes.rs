@@ -29,7 +29,7 @@ pub(super) fn of(scene: &Scene, setup: &Setup) -> Option<Stage> {
     };
     // parts of each column in the directions and back, and those directions
     let taken = 4.0 * m * unknowns * n + 10.0 * m * unknowns * unknowns;
-    let copies_s = COPIES * 8.0 * m * n / store_rate(m * n);
+    let copies_s = COPIES * 8.0 * m * n / store_rate(8.0 * m * n);
     Some(Stage {
         name: "electrode movement",
         size: format!("[{m}, {unknowns}], taken out of [{m}, {n}]"),

@@ -16,7 +16,7 @@ pub(in crate::commands) fn of(
     let patterns = setup.protocol.stimulations_a().nrows();
     let (m, products) = (setup.protocol.measurements(), cost.field_products);
     let mut list = vec![
-        ("complex arithmetic", "the scene has no reactive part".to_owned()),
+        ("complex arithmetic", scene.why_real().to_owned()),
         (
             "forward sweeps",
             "currents enter at electrodes only, which are eliminated last".to_owned(),

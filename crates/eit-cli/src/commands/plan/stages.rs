@@ -5,11 +5,12 @@ use super::sequence::Sequence;
 use crate::machine::Machine;
 use crate::measured::Measured;
 use crate::method::Method;
+use crate::pipeline::reactive::ReactiveSetup;
 use crate::pipeline::tv::DEFAULT_TARGET_GAP;
 use crate::pipeline::{DEFAULT_NOISE_FIGURE, DEFAULT_PIXELS, Setup};
 use crate::scene::{DifferenceKind, Hyperparameter, Rule, Scene, Shape};
-use eit_fem::Elements;
-use eit_mesh::Quality;
+use eit_fem::{Elements, SolvePath};
+use eit_mesh::{Mesh, Quality};
 
 /// Dense product in double precision where the rates below were fitted: times are scaled by it to
 /// the machine at hand.
@@ -24,7 +25,7 @@ pub(super) const SWEEP_FLOPS_PER_S: f64 = 1e10;
 const PRIOR_ENTRY_S: f64 = 2.5e-8;
 pub(super) const PRODUCT_FLOPS_PER_S: f64 = 3.3e10;
 const DECOMPOSITION_FLOPS_PER_S: f64 = 1.5e10;
-const STORE_BYTES_PER_S: f64 = 3e9;
+const STORE_BYTES_PER_S: f64 = 4e9;
 /// Beyond the caches, where every page is new: between 1.3 and 3.
 const NEW_BYTES_PER_S: f64 = 2e9;
 const CACHED_BYTES: f64 = 1.6e7;
@@ -32,6 +33,12 @@ const CACHED_BYTES: f64 = 1.6e7;
 /// electrodes: 261 of 32 with trigonometric currents.
 const USUAL_DIRECTIONS: f64 = 250.0;
 const READ_BYTES_PER_S: f64 = 4.5e10;
+/// Solves of a bounded error, seconds a node (2 000 and 20 000 nodes): electrodes eliminated
+/// analytically in `f64`, and in twice the precision.
+const STABLE_NODE_S: f64 = 6e-6;
+const ACCURATE_NODE_S: f64 = 3.5e-5;
+/// Real multiplications and additions of a complex one.
+const COMPLEX_FLOPS: f64 = 4.0;
 /// Meshing, seconds a node.
 const NODE_S: f64 = 5.5e-6;
 /// Total variation, effective: an iteration of 64 x 64 pixels and 20 frames in single precision.
@@ -119,9 +126,91 @@ pub(crate) fn of(
             stages.extend([sizes.matrix(), step]);
         }
     }
+    scale(&mut stages, machine);
+    stages
+}
+
+/// The stages of a scene that stores charge. A complex product is four real ones, a matrix is assembled
+/// twice, for real and imaginary parts.
+pub(super) fn of_reactive(scene: &Scene, setup: &ReactiveSetup, machine: &Machine) -> Vec<Stage> {
+    let model = &setup.model;
+    let cost = model.cost();
+    let (m, n) = (model.protocol().measurements() as f64, model.elements() as f64);
+    let (entries, solves) = (cost.factor_entries as f64, cost.field_solves as f64);
+    let factor = COMPLEX_FLOPS * cost.factor_flops;
+    let sweep = COMPLEX_FLOPS * 2.0 * entries * solves;
+    let bytes = 16.0 * m * n;
+    let mut stages = vec![
+        mesh_stage(scene, &setup.mesh),
+        Stage {
+            name: "forward, complex",
+            size: format!("{} unknowns, factor {} entries", cost.unknowns, cost.factor_entries),
+            flops: factor,
+            bytes: 16.0 * entries,
+            time_s: factor / FACTOR_FLOPS_PER_S + 2.0 * ELEMENT_S * n,
+            why: "one symmetric factorisation gives all voltages: electrodes are eliminated last"
+                .to_owned(),
+        },
+        Stage {
+            name: "Jacobian, complex",
+            size: format!("[{m}, {n}], {solves} fields, {} products", cost.field_products),
+            // a product of two gradients: 16 flops, real ones 3
+            flops: sweep + 16.0 / 3.0 * cost.product_flops,
+            bytes,
+            time_s: sweep / SWEEP_FLOPS_PER_S + bytes / store_rate(bytes),
+            why: "only `eit jacobian` asks for it: the derivative by complex admittivity"
+                .to_owned(),
+        },
+    ];
+    scale(&mut stages, machine);
+    stages
+}
+
+/// From the machine that the rates are of to this one.
+fn scale(stages: &mut [Stage], machine: &Machine) {
     let slowness = FITTED_FLOPS_PER_S / machine.double_flops_per_s;
     stages.iter_mut().for_each(|stage| stage.time_s *= slowness);
-    stages
+}
+
+/// Bytes a second at which an array of this size is stored.
+pub(super) fn store_rate(bytes: f64) -> f64 {
+    if bytes > CACHED_BYTES { NEW_BYTES_PER_S } else { STORE_BYTES_PER_S }
+}
+
+/// Generated or read.
+fn mesh_stage(scene: &Scene, mesh: &Mesh) -> Stage {
+    let quality = Quality::of(mesh);
+    Stage {
+        name: "mesh",
+        size: format!("{} nodes, {} triangles", quality.nodes, quality.triangles),
+        flops: 0.0,
+        bytes: 24.0 * quality.nodes as f64 + 12.0 * quality.triangles as f64,
+        time_s: NODE_S * quality.nodes as f64,
+        why: match scene.skin.shape {
+            Shape::Mesh => "read from the scene's file".to_owned(),
+            _ => format!("graded to the electrode ends, mean quality {:.3}", quality.mean_quality),
+        },
+    }
+}
+
+/// The one solve that images are linearised at, where textbook assembly may lose too many digits.
+pub(super) fn linearisation(setup: &Setup, path: SolvePath, machine: &Machine) -> Option<Stage> {
+    let (node_s, numbers) = match path {
+        SolvePath::Plain => return None,
+        SolvePath::Stable => (STABLE_NODE_S, "f64"),
+        SolvePath::Accurate => (ACCURATE_NODE_S, "twice the precision"),
+    };
+    let nodes = setup.mesh.surface().nodes().len() as f64;
+    let mut stages = [Stage {
+        name: "linearisation",
+        size: format!("once, electrodes by their means, {numbers}"),
+        flops: 0.0,
+        bytes: 0.0,
+        time_s: nodes * node_s,
+        why: "contacts or contrast would cost textbook assembly too many digits".to_owned(),
+    }];
+    scale(&mut stages, machine);
+    stages.into_iter().next()
 }
 
 impl Sizes<'_> {
@@ -130,7 +219,6 @@ impl Sizes<'_> {
         let (scene, setup) = (self.scene, self.setup);
         let (m, n) = (self.measurements, self.elements);
         let cost = setup.model.cost();
-        let quality = Quality::of(&setup.mesh);
         let entries = cost.factor_entries as f64;
         let solves = cost.field_solves as f64;
         let sweep = 2.0 * entries * solves;
@@ -139,20 +227,7 @@ impl Sizes<'_> {
             Elements::Quadratic => "quadratic elements; ",
         };
         vec![
-            Stage {
-                name: "mesh",
-                size: format!("{} nodes, {} triangles", quality.nodes, quality.triangles),
-                flops: 0.0,
-                bytes: 24.0 * quality.nodes as f64 + 12.0 * n,
-                time_s: NODE_S * quality.nodes as f64,
-                why: match scene.skin.shape {
-                    Shape::Mesh => "read from the scene's file".to_owned(),
-                    _ => format!(
-                        "graded to the electrode ends, mean quality {:.3}",
-                        quality.mean_quality
-                    ),
-                },
-            },
+            mesh_stage(scene, &setup.mesh),
             Stage {
                 name: "forward",
                 size: format!("{} unknowns, factor {} entries", cost.unknowns, cost.factor_entries),
@@ -168,7 +243,7 @@ impl Sizes<'_> {
                 size: format!("[{m}, {n}], {} fields, {} products", solves, cost.field_products),
                 flops: sweep + cost.product_flops,
                 bytes: 8.0 * m * n,
-                time_s: sweep / SWEEP_FLOPS_PER_S + 8.0 * m * n / store_rate(m * n),
+                time_s: sweep / SWEEP_FLOPS_PER_S + 8.0 * m * n / store_rate(8.0 * m * n),
                 why: format!(
                     "{} patterns span {solves} fields; reciprocal measurements share a product",
                     setup.protocol.stimulations_a().nrows()
@@ -321,11 +396,6 @@ impl Sizes<'_> {
         });
         stages
     }
-}
-
-/// Rate at which an array of so many values is stored.
-pub(super) fn store_rate(values: f64) -> f64 {
-    if 8.0 * values > CACHED_BYTES { NEW_BYTES_PER_S } else { STORE_BYTES_PER_S }
 }
 
 /// Part of the raster's square that is skin.

@@ -17,7 +17,7 @@ pub(in crate::pipeline) fn jacobian(
     progress.stage("electrode movement", || {
         let displacements = displacements(&setup.mesh)?;
         let mut workspace = setup.model.workspace()?;
-        let mut solution = setup.model.solve(background, &mut workspace)?;
+        let mut solution = setup.solve(background, &mut workspace)?;
         Ok(solution.movement_jacobian(&displacements)?)
     })
 }

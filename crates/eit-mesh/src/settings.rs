@@ -1,0 +1,207 @@
+//! How fine a mesh is wanted.
+
+use crate::geometry::Outline;
+use crate::{
+    Mesh, MeshError, PlacedElectrode, RimElectrodes, SkinShape, generate, generate_placed,
+};
+
+/// How fine a mesh is wanted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeshSettings {
+    /// Edge length away from the electrodes, metres; of a hemisphere at the pole, half of it at the
+    /// rim. `None`: a 38th of the side of the square
+    /// that has the skin's area, about 2000 nodes.
+    pub edge_m: Option<f64>,
+    /// Edge length at the ends of the electrodes, where the current density is singular, metres.
+    /// Also that on the outline of a patch, at most a twelfth of it.
+    /// `None`: a sixth of the electrode's width (a third of a patch's radius), or `edge_m` where that is
+    /// smaller. Gaps and
+    /// corners may need shorter edges and get them.
+    pub electrode_edge_m: Option<f64>,
+    /// Edge length at corners that point into the skin, such as those of a rectangular hole, where the
+    /// current density is singular too, metres. `None`: as between other places of the rim.
+    pub corner_edge_m: Option<f64>,
+    /// Growth of the edge length with distance from an electrode end, 0.05 to 0.5. Small values
+    /// give better triangles and more of them; above 0.4 the smallest angles can fall to 19 degrees.
+    pub grading: f64,
+    /// More nodes than this are an error.
+    pub node_limit: usize,
+    /// Rounds of smoothing; 0 leaves the refined mesh as it is.
+    pub smoothing_rounds: usize,
+}
+
+impl Default for MeshSettings {
+    fn default() -> Self {
+        Self {
+            edge_m: None,
+            electrode_edge_m: None,
+            corner_edge_m: None,
+            grading: 0.25,
+            node_limit: 1_000_000,
+            smoothing_rounds: 3,
+        }
+    }
+}
+
+impl MeshSettings {
+    /// Settings with a given interior edge length, the rest as default.
+    pub fn with_edge(edge_m: f64) -> Self {
+        Self { edge_m: Some(edge_m), ..Self::default() }
+    }
+
+    /// One of a family of similar meshes, for looking at convergence or for the mesh that just
+    /// suffices: all edges shrink with `scale`. At 1 the inner ones are a ninth of the side of the
+    /// square that has the skin's area (some hundred nodes), those at electrode ends and at corners that
+    /// point into the skin a quarter of that, or a third of `electrode_m` where this is smaller: the
+    /// width of the narrowest electrode, or diameter of a patch.
+    ///
+    /// # Errors
+    /// [`MeshError::OutOfRange`] for a scale or width that is not above zero and finite.
+    pub fn similar(
+        &self,
+        shape: &SkinShape,
+        electrode_m: f64,
+        scale: f64,
+    ) -> Result<Self, MeshError> {
+        for (quantity, value) in [("scale", scale), ("electrode_m", electrode_m)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(MeshError::OutOfRange { quantity, value, must: "positive and finite" });
+            }
+        }
+        let edge_m = scale * shape.outline()?.area_m2().sqrt() / 9.0;
+        let end_m = (0.25 * edge_m).min(scale * electrode_m / 3.0);
+        Ok(Self {
+            edge_m: Some(stretch(shape) * edge_m),
+            electrode_edge_m: Some(end_m),
+            corner_edge_m: Some(end_m),
+            ..self.clone()
+        })
+    }
+
+    /// Every edge length that is set, with its name.
+    pub(crate) fn edges(&self) -> [(&'static str, Option<f64>); 3] {
+        [
+            ("edge_m", self.edge_m),
+            ("electrode_edge_m", self.electrode_edge_m),
+            ("corner_edge_m", self.corner_edge_m),
+        ]
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`MeshError::OutOfRange`].
+    pub fn validate(&self) -> Result<(), MeshError> {
+        for (quantity, edge) in self.edges() {
+            if let Some(value) = edge.filter(|e| !(e.is_finite() && *e > 0.0)) {
+                return Err(MeshError::OutOfRange { quantity, value, must: "positive and finite" });
+            }
+        }
+        if !(0.05..=0.5).contains(&self.grading) {
+            let (quantity, value) = ("grading", self.grading);
+            return Err(MeshError::OutOfRange { quantity, value, must: "between 0.05 and 0.5" });
+        }
+        if self.node_limit < 3 {
+            let (quantity, value) = ("node_limit", self.node_limit as f64);
+            return Err(MeshError::OutOfRange { quantity, value, must: "at least 3" });
+        }
+        Ok(())
+    }
+
+    /// These settings with the interior edge length that gives about `nodes` nodes (within 2 %,
+    /// within 10 % where the mesh is too coarse to hit the number), found by meshing without
+    /// smoothing a few times.
+    ///
+    /// # Errors
+    /// As [`generate`], and [`MeshError::OutOfRange`] for a number that cannot be reached because
+    /// electrode ends and corners alone need more.
+    pub fn for_nodes(
+        &self,
+        shape: &SkinShape,
+        electrodes: &RimElectrodes,
+        nodes: usize,
+    ) -> Result<Self, MeshError> {
+        self.for_about(shape, nodes, |trial| generate(shape, electrodes, trial))
+    }
+
+    /// [`for_nodes`](Self::for_nodes) for electrodes by position.
+    ///
+    /// # Errors
+    /// As [`generate_placed`], and [`MeshError::OutOfRange`] as there.
+    pub fn for_nodes_placed(
+        &self,
+        shape: &SkinShape,
+        electrodes: &[PlacedElectrode],
+        nodes: usize,
+    ) -> Result<Self, MeshError> {
+        self.for_about(shape, nodes, |trial| generate_placed(shape, electrodes, trial))
+    }
+
+    fn for_about(
+        &self,
+        shape: &SkinShape,
+        nodes: usize,
+        mesh: impl Fn(&Self) -> Result<Mesh, MeshError>,
+    ) -> Result<Self, MeshError> {
+        let area_m2 = shape.outline()?.area_m2();
+        let out_of_range = |must| {
+            let (quantity, value) = ("number of nodes", nodes as f64);
+            Err(MeshError::OutOfRange { quantity, value, must })
+        };
+        if nodes < 3 {
+            return out_of_range("at least 3");
+        }
+        let mut edge_m = stretch(shape) * (NODES_PER_SQUARE_EDGE * area_m2 / nodes as f64).sqrt();
+        let mut best = (f64::INFINITY, edge_m);
+        for _ in 0..8 {
+            let trial = Self { edge_m: Some(edge_m), smoothing_rounds: 0, ..self.clone() };
+            let found = mesh(&trial)?.surface().nodes().len();
+            let ratio = found as f64 / nodes as f64;
+            let miss = (ratio - 1.0).abs();
+            if miss < best.0 {
+                best = (miss, edge_m);
+            }
+            if miss < 0.02 {
+                break;
+            }
+            edge_m *= ratio.sqrt();
+        }
+        if best.0 > 0.1 {
+            return out_of_range(
+                "a number that the electrode ends and corners leave room for (raise \
+                 electrode_edge_m or grading, or ask for more)",
+            );
+        }
+        Ok(Self { edge_m: Some(best.1), ..self.clone() })
+    }
+
+    /// Interior edge length on the outline of a shape, metres, checked against its size and the node
+    /// limit.
+    pub(crate) fn edge_on(&self, outline: &Outline, shape: &SkinShape) -> Result<f64, MeshError> {
+        for (quantity, edge) in self.edges() {
+            if let Some(value) = edge.filter(|&e| e < outline.resolution_m()) {
+                let must =
+                    "at least 1e-9 of the outline's length (shorter edges drown in rounding)";
+                return Err(MeshError::OutOfRange { quantity, value, must });
+            }
+        }
+        let wanted = self.edge_m.map(|edge_m| edge_m / stretch(shape));
+        let edge_m = wanted.unwrap_or_else(|| outline.area_m2().sqrt() / 38.0);
+        let expected = NODES_PER_SQUARE_EDGE * outline.area_m2() / (edge_m * edge_m);
+        // the estimate is within a factor of 1.5 of what comes out
+        if expected > 2.0 * self.node_limit as f64 {
+            let limit = self.node_limit;
+            return Err(MeshError::TooManyNodes { edge_m, expected, limit });
+        }
+        Ok(edge_m)
+    }
+}
+
+/// Nodes in the area of a square with the wanted edge as its side, in equilateral triangles:
+/// 2 / sqrt(3).
+const NODES_PER_SQUARE_EDGE: f64 = 1.154_700_538_379_251_7;
+
+/// Largest length of a skin over that in its outline: 2 at the pole of a hemisphere.
+fn stretch(shape: &SkinShape) -> f64 {
+    if matches!(shape, SkinShape::Hemisphere { .. }) { 2.0 } else { 1.0 }
+}
