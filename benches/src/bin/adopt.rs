@@ -1,7 +1,7 @@
 //! Takes over what a full report has measured: `cargo run --release -p benches --bin adopt -- DIR
 //! [PEERS [PLANS]]`, DIR of `eit report --out DIR`, PEERS of `eit report --scenes paper-disc-60 --peers
 //! PYTHON --out PEERS`; and, with the table that DIR has left built in, PLANS of `eit report --plans --out
-//! PLANS`.
+//! PLANS`. With DIR of `eit report --touches=electrodes --out DIR`, the table of electrode movement alone.
 //!
 //! The tables of choices, plans and the best meshes of forward problems go to `docs/PERFORMANCE.md`,
 //! pictures to `docs/images`, and `inverse.csv`, without peers and without nets that are not shipped, to
@@ -34,6 +34,13 @@ fn main() -> Result<()> {
     let folder = Path::new(&folder);
     if folder.join("incomplete.txt").exists() {
         return Err("the report is incomplete: let it run to its end".into());
+    }
+    if let Ok(touches) = fs::read_to_string(folder.join("touches.md")) {
+        let title = "Movement of electrodes inside the inverse";
+        let body = section(&touches, title).ok_or_else(|| format!("no section '{title}'"))?;
+        document::write("electrodes", &body)?;
+        println!("electrodes adopted");
+        return Ok(());
     }
     let report = read(&folder.join("report.md"))?;
     let lead = report.lines().nth(2).unwrap_or_default();

@@ -15,8 +15,9 @@ pub(crate) struct ReportArgs {
     /// Figures of merit over noise, speed and touches instead of error against time.
     #[arg(long)]
     pub quality: bool,
-    /// Touches instead of images: position error beside its bound, moving electrodes, two-point
-    /// discrimination, tracks, GREIT figures, latency; or the parts named, as in
+    /// Touches instead of images: position error beside its bound, moving electrodes and what
+    /// taking them out of the data does, two-point discrimination, tracks, GREIT figures, latency; or
+    /// the parts named, as in
     /// --touches=position,pairs.
     #[arg(long, conflicts_with = "quality", value_name = "PARTS", value_delimiter = ',')]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "all")]

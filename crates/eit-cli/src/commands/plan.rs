@@ -1,5 +1,6 @@
 //! `eit plan`: what a scene needs, what is left out and why.
 
+mod electrodes;
 pub(crate) mod expected;
 pub(super) mod left_out;
 mod method_words;

@@ -13,6 +13,12 @@
 //! displacements are cheaper than any image, and explain the touch. Total variation, whose weights come
 //! from the noise, needs neither.
 
+mod displacement;
+mod whitening;
+
+pub(super) use displacement::jacobian;
+pub(super) use whitening::Whitening;
+
 use super::expected::{self, Places};
 use super::imaging::{Imaging, choose, prior, settings};
 use super::noise::{self, DataNoise};
@@ -22,9 +28,7 @@ use crate::frames::Frames;
 use crate::method::Method;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Scene};
-use eit_fem::{Displacement, ElectrodeMotion};
 use eit_inverse::{Chosen, Difference, SideUnknowns};
-use eit_mesh::{Electrode, Mesh, Surface};
 use ndarray::{Array2, ArrayView1};
 
 /// Model without what electrodes that move explain, and what takes it out of differences.
@@ -58,70 +62,6 @@ pub(crate) struct Freed {
 /// How far electrodes move, for people.
 pub(crate) fn words(movement_m: f64) -> String {
     format!("electrodes may move by {:.2} mm", 1e3 * movement_m)
-}
-
-/// Derivative of the background's voltages along the displacements of electrodes, [measurement,
-/// displacement], volt per metre.
-pub(super) fn jacobian(
-    background: &[f64],
-    setup: &Setup,
-    progress: &mut Progress,
-) -> Result<Array2<f64>, CliError> {
-    progress.stage("electrode movement", || {
-        let displacements = displacements(&setup.mesh)?;
-        let mut workspace = setup.model.workspace()?;
-        let mut solution = setup.model.solve(background, &mut workspace)?;
-        Ok(solution.movement_jacobian(&displacements)?)
-    })
-}
-
-/// Two for each electrode: along the rim and outward with the skin; of a patch, along the skin.
-fn displacements(mesh: &Mesh) -> Result<Vec<Displacement>, CliError> {
-    let rim = [ElectrodeMotion::CarriedAlong, ElectrodeMotion::CarriedOutward];
-    let patches = mesh.electrodes().iter().filter(|e| matches!(e, Electrode::Patch(_))).count();
-    if patches == 0 {
-        let [along, outward] = rim.map(|motion| motion.displacements(mesh));
-        return Ok([along?, outward?].concat());
-    }
-    let mut found = Vec::with_capacity(2 * mesh.electrodes().len());
-    for (l, electrode) in mesh.electrodes().iter().enumerate() {
-        let motions = match electrode {
-            Electrode::Rim(_) => rim,
-            Electrode::Patch(triangles) => {
-                tangents(mesh.surface(), triangles).map(ElectrodeMotion::Carried)
-            }
-        };
-        for motion in motions {
-            found.push(motion.displacement(mesh, l)?);
-        }
-    }
-    Ok(found)
-}
-
-/// Two directions along the skin under a patch: perpendicular to each other and to its mean normal.
-fn tangents(surface: &Surface, triangles: &[u32]) -> [[f64; 3]; 2] {
-    let cross = |a: [f64; 3], b: [f64; 3]| {
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    };
-    let unit = |v: [f64; 3]| {
-        let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
-        v.map(|x| x / length)
-    };
-    let mut normal = [0.0; 3];
-    for &triangle in triangles {
-        let [a, b, c] = surface.corners(triangle as usize);
-        let side = |p: [f64; 3]| [p[0] - a[0], p[1] - a[1], p[2] - a[2]];
-        let twice_area = cross(side(b), side(c));
-        (0..3).for_each(|k| normal[k] += twice_area[k]);
-    }
-    let normal = unit(normal);
-    // the axis that is least along the normal, without its part across the skin
-    let least = (0..3).min_by(|&i, &k| normal[i].abs().total_cmp(&normal[k].abs())).unwrap_or(0);
-    let across = normal[least];
-    let mut axis = normal.map(|n| -across * n);
-    axis[least] += 1.0;
-    let first = unit(axis);
-    [first, cross(normal, first)]
 }
 
 /// Takes movement out of a model for differences of this noise; `None` where electrodes do not move.
@@ -229,10 +169,11 @@ pub(crate) fn free(
         let taken = take_out(scene, models, of_noise, before.as_ref().map(|before| &before.0))?;
         let Some(TakenOut { error, side, linearised }) = taken else { return Ok(None) };
         let given = side.kept().iter().map(|kept| 1.0 - kept).sum::<f64>();
-        let line = format!(
-            "{}: {given:.1} directions of the data go to that, weighed against {error:.0} times the noise",
-            words(movement_m)
-        );
+        let mut line =
+            format!("{}: {given:.1} directions of the data go to that", words(movement_m));
+        if error > 1.0 {
+            line += &format!(", weighed against {error:.0} times the noise");
+        }
         let (frames, note) = whitened(frames, kind, &side)?;
         let scene = of_white(scene);
         Ok(Some(Freed { scene, linearised, frames, side, line, note, before }))

@@ -2,7 +2,7 @@
 //! reference that follows drift.
 
 use super::imaging::{prior, settings};
-use super::movement::{self, TakenOut};
+use super::movement::{self, TakenOut, Whitening};
 use super::noise::{self, DataNoise};
 use super::{Imaging, Linearised, Setup, check_images, difference_data, raster};
 use crate::error::CliError;
@@ -220,38 +220,6 @@ impl TouchFinder {
     /// The one-step image of the last frame, a value for each pixel of the skin.
     pub fn pixels(&self) -> &[f64] {
         &self.pixels
-    }
-}
-
-/// Takes the movement of electrodes out of a frame.
-struct Whitening {
-    side: SideUnknowns,
-    kind: DifferenceKind,
-    used: Vec<usize>,
-    /// `[measurement]`; zero where not used.
-    differences: Vec<f64>,
-    /// `[used measurement]`.
-    white: Vec<f64>,
-}
-
-impl Whitening {
-    fn new(side: SideUnknowns, kind: DifferenceKind, used: &[bool]) -> Self {
-        let differences = vec![0.0; used.len()];
-        let used: Vec<usize> = (0..used.len()).filter(|&i| used[i]).collect();
-        Self { side, kind, white: vec![0.0; used.len()], used, differences }
-    }
-
-    /// What is left of a frame, `[used measurement]`.
-    fn of(&mut self, values: &[f64], reference: &[f64]) -> Result<&[f64], CliError> {
-        for &i in &self.used {
-            self.differences[i] = match self.kind {
-                DifferenceKind::Plain => values[i] - reference[i],
-                DifferenceKind::Normalised => (values[i] - reference[i]) / reference[i],
-            };
-        }
-        self.side.whiten(&mut self.differences)?;
-        self.white.iter_mut().zip(&self.used).for_each(|(white, &i)| *white = self.differences[i]);
-        Ok(&self.white)
     }
 }
 

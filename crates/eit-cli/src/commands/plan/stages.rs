@@ -1,5 +1,6 @@
 //! Stages of a plan: sizes, work, expected time.
 
+use super::electrodes;
 use super::sequence::Sequence;
 use crate::machine::Machine;
 use crate::measured::Measured;
@@ -20,9 +21,9 @@ const FITTED_FLOPS_PER_S: f64 = 4e10;
 /// factorisations, stores to memory, reads from cache. Elsewhere they are a guide, not a promise.
 const FACTOR_FLOPS_PER_S: f64 = 1.5e10;
 const ELEMENT_S: f64 = 3.8e-8;
-const SWEEP_FLOPS_PER_S: f64 = 1e10;
+pub(super) const SWEEP_FLOPS_PER_S: f64 = 1e10;
 const PRIOR_ENTRY_S: f64 = 2.5e-8;
-const PRODUCT_FLOPS_PER_S: f64 = 3.3e10;
+pub(super) const PRODUCT_FLOPS_PER_S: f64 = 3.3e10;
 const DECOMPOSITION_FLOPS_PER_S: f64 = 1.5e10;
 const STORE_BYTES_PER_S: f64 = 4e9;
 /// Beyond the caches, where every page is new: between 1.3 and 3.
@@ -38,8 +39,6 @@ const STABLE_NODE_S: f64 = 6e-6;
 const ACCURATE_NODE_S: f64 = 3.5e-5;
 /// Real multiplications and additions of a complex one.
 const COMPLEX_FLOPS: f64 = 4.0;
-/// Displacement of an electrode and its column, seconds.
-const MOVEMENT_UNKNOWN_S: f64 = 2e-4;
 /// Meshing, seconds a node.
 const NODE_S: f64 = 5.5e-6;
 /// Total variation, effective: an iteration of 64 x 64 pixels and 20 frames in single precision.
@@ -114,7 +113,7 @@ pub(crate) fn of(
     };
     let mut stages = sizes.model();
     if method != Method::GaussNewtonAbsolute {
-        stages.extend(sizes.movement());
+        stages.extend(electrodes::of(scene, setup));
     }
     match method {
         Method::StTv | Method::Tv => stages.extend(sizes.total_variation(sequence)),
@@ -174,7 +173,7 @@ fn scale(stages: &mut [Stage], machine: &Machine) {
 }
 
 /// Bytes a second at which an array of this size is stored.
-fn store_rate(bytes: f64) -> f64 {
+pub(super) fn store_rate(bytes: f64) -> f64 {
     if bytes > CACHED_BYTES { NEW_BYTES_PER_S } else { STORE_BYTES_PER_S }
 }
 
@@ -252,32 +251,6 @@ impl Sizes<'_> {
                 ),
             },
         ]
-    }
-
-    /// Displacements of electrodes, taken out of the data; none where they stay.
-    fn movement(&self) -> Option<Stage> {
-        let movement_m = self.scene.reconstruction.electrode_movement_m?;
-        let (m, n) = (self.measurements, self.elements);
-        let cost = self.setup.model.cost();
-        let unknowns = 2.0 * self.setup.protocol.electrodes() as f64;
-        // voltages and fields once more, then the triangles around each electrode
-        let solve = cost.factor_flops + 2.0 * cost.factor_entries as f64 * cost.field_solves as f64;
-        let taken = 4.0 * m * unknowns * n + 10.0 * m * unknowns * unknowns;
-        // for the images, and for the touches
-        let flops = solve + 2.0 * taken;
-        Some(Stage {
-            name: "electrode movement",
-            size: format!("[{m}, {unknowns}], taken out of [{m}, {n}]"),
-            flops,
-            bytes: 2.0 * 8.0 * m * n,
-            time_s: solve / SWEEP_FLOPS_PER_S
-                + MOVEMENT_UNKNOWN_S * unknowns
-                + 2.0 * (taken / PRODUCT_FLOPS_PER_S + 3.0 * 8.0 * m * n / STORE_BYTES_PER_S),
-            why: format!(
-                "each electrode may move by {:.2} mm along and across its rim: unknowns beside the image",
-                1e3 * movement_m
-            ),
-        })
     }
 
     /// The one-step matrix and its hyperparameter.
