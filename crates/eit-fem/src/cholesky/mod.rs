@@ -8,8 +8,8 @@
 //! nothing. Meshes of the plane have small fronts (at 2 000 nodes 540 of them, in the mean four
 //! columns and eleven rows below), too little arithmetic for each call of a general dense library.
 //!
-//! Floor: one fused operation per two flops. At 20 000 nodes (79 MFLOP) a factorisation reaches 9 of
-//! the 33 GFLOP/s of a dense product on the same core, at 2 000 (2.3 MFLOP) 7, assembly included. Beside
+//! Floor: one fused operation per two flops. At 20 000 nodes (80 MFLOP) a factorisation reaches 13 of
+//! the 42 GFLOP/s of a dense product on the same core, at 2 000 (2.5 MFLOP) 8, assembly included. Beside
 //! the flops there are additions to scattered places (one for each value that a child leaves: 1.3
 //! million at 20 000 nodes), the zeros of panels, and short tiles; their shares are not measured.
 //!

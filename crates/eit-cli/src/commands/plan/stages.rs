@@ -25,7 +25,9 @@ pub(super) const SWEEP_FLOPS_PER_S: f64 = 1e10;
 const PRIOR_ENTRY_S: f64 = 2.5e-8;
 pub(super) const PRODUCT_FLOPS_PER_S: f64 = 3.3e10;
 const DECOMPOSITION_FLOPS_PER_S: f64 = 1.5e10;
-const STORE_BYTES_PER_S: f64 = 4e9;
+/// Between memory that is used again (5 and more) and memory whose pages are touched for the first
+/// time (2), as those of the one Jacobian of a command: either is within a factor of two.
+const STORE_BYTES_PER_S: f64 = 3.2e9;
 /// Beyond the caches, where every page is new: between 1.3 and 3.
 const NEW_BYTES_PER_S: f64 = 2e9;
 const CACHED_BYTES: f64 = 1.6e7;
