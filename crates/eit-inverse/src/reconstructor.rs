@@ -1,4 +1,5 @@
 //! Frames to images: the part that runs for every frame.
+//! Long because one type has every way from a frame to an image.
 
 use crate::InverseError;
 use crate::data::{Channels, FrameStatus, check_length};

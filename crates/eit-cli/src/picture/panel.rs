@@ -1,4 +1,5 @@
 //! One image of the skin: values, outline, electrodes and their numbers.
+//! Long because the layers share one scale from metres to pixels.
 
 use ndarray::ArrayView2;
 

@@ -1,4 +1,5 @@
 //! The pictures: each tells what one of the paper's figures tells.
+//! Long because they are one list.
 
 use super::experiment::{Experiment, QUIET};
 use super::judge::{ImageError, Judged};

@@ -1,4 +1,5 @@
 //! What the race leaves: a page, a Markdown text, tables for programs, pictures.
+//! Long because the tables are one list.
 
 use super::super::Answer;
 use super::forward::{self, ForwardCourse};
