@@ -61,7 +61,7 @@ impl Setup {
     }
 
     /// One solve whose rounding is known to be small: by the textbook assembly where that suffices,
-    /// else in twice the precision. Quadratic elements have the first path only.
+    /// else with electrodes eliminated analytically ([`ForwardModel::solve_to`]). Quadratic elements have the first path only.
     pub fn solve<'a>(
         &'a self,
         conductivity_s: &[f64],

@@ -84,8 +84,7 @@ fn words(chosen: &ChosenMesh) -> String {
 /// Against the mesh-free series, for either kind of elements and the cheaper of both.
 ///
 /// The error may pass the requirement by a half: irregular meshes make the estimate one (the largest
-/// ratio found is in docs/VALIDATION.md). Meshes that are cheaper by half must miss it: the
-/// search goes in steps of the root of two.
+/// ratio found is in docs/VALIDATION.md). All coarser meshes of the search must miss it.
 #[test]
 fn chosen_meshes_of_the_disc_have_the_error_that_was_required() {
     let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);
