@@ -1,0 +1,279 @@
+//! `eit demo`: the two experiments of the paper from the simulated fabric to the touches, through an
+//! emulated instrument, its driver, a recording, the stream of total variation and the U-net.
+//!
+//! While one experiment runs live, the other is simulated. What comes from the instrument is looked
+//! at by the loop of `eit live`, so that `eit replay` gives the same images.
+
+mod experiment;
+mod folder;
+mod judge;
+mod live;
+mod page;
+mod pictures;
+
+use self::experiment::{EXPERIMENTS, Experiment, Lab, QUIET};
+use self::folder::DemoFolder;
+use self::pictures::{File, Shown};
+use crate::Answer;
+use crate::settings::DemoSettings;
+use eit_picture::draw;
+use crate::error::ReportError;
+use eit_skin::StopFlag;
+use crate::output::{OutFolder, io};
+use eit_picture::SkinDrawing;
+use eit_skin::pipeline;
+use eit_skin::Progress;
+use eit_skin::scene::{Instrument, Scene};
+use eit_skin::live::Model;
+use eit_fem::fabric::Simulation;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// The page.
+const REPORT: &str = "report.html";
+/// The numbers.
+const NUMBERS: &str = "report.json";
+
+/// Everything that a demo writes.
+fn own() -> Vec<&'static str> {
+    let mut own = vec!["scene.toml", REPORT, NUMBERS];
+    own.extend([pictures::MESH, pictures::WAYS, pictures::LATENCY, pictures::OVERVIEW]);
+    for experiment in EXPERIMENTS {
+        own.extend([experiment.folder, experiment.recording, experiment.movie]);
+        own.extend(experiment.figures);
+    }
+    own
+}
+
+/// What the threads share.
+struct Stage<'a> {
+    folder: &'a DemoFolder,
+    model: &'a Model,
+    instrument: &'a Instrument,
+    skin: SkinDrawing,
+    interrupt: &'a Interrupt,
+    /// One of them has failed: the other need not go on.
+    has_failed: AtomicBool,
+}
+
+/// Runs the demo.
+pub fn run(args: &DemoSettings) -> Result<Answer, ReportError> {
+    let start = Instant::now();
+    let folder = DemoFolder::claim(&args.out, &own(), args.force)?;
+    let interrupt = Interrupt::listen()?;
+    folder.write_scene(args.quick)?;
+    let scene = Scene::load(&folder.scene().display().to_string())?;
+    let instrument = scene.instrument()?;
+    let mut progress = Progress::default();
+    let lab = Lab::new(&scene, args.quick, &mut progress)?;
+    let model = Model::new(scene, QUIET, &mut progress)?;
+    let raster = pipeline::raster(&model.scene, &model.setup, &mut progress)?;
+    let stage = Stage {
+        folder: &folder,
+        model: &model,
+        instrument: &instrument,
+        skin: draw::skin(&model.setup.mesh, &raster),
+        interrupt: &interrupt,
+        has_failed: AtomicBool::new(false),
+    };
+    let (shown, files) = stage.experiments(&lab, &mut progress)?;
+    let seconds = start.elapsed().as_secs_f64();
+    if shown.len() < EXPERIMENTS.len() || shown.iter().any(|shown| !shown.seen.is_whole) {
+        return Ok(interrupted(&folder, &shown));
+    }
+    stage.report(&shown, files, (lab.nodes(), seconds), &mut progress)
+}
+
+impl Stage<'_> {
+    fn goes_on(&self) -> bool {
+        !self.interrupt.is_set() && !self.has_failed.load(Ordering::Relaxed)
+    }
+
+    /// Simulates the experiments one after the other; each is seen live as soon as it is there.
+    fn experiments(
+        &self,
+        lab: &Lab,
+        progress: &mut Progress,
+    ) -> Result<(Vec<Shown>, Vec<File>), ReportError> {
+        let ended = std::thread::scope(|scope| {
+            let mut running = Vec::new();
+            for experiment in EXPERIMENTS {
+                if !self.goes_on() {
+                    break;
+                }
+                let place = self.folder.join(experiment.folder);
+                match lab.simulate(&experiment, &place, progress) {
+                    Err(error) => {
+                        self.has_failed.store(true, Ordering::Relaxed);
+                        running.push(Err(error));
+                    }
+                    Ok(_) if !self.goes_on() => break,
+                    Ok(truth) => {
+                        let mut beside = progress.beside();
+                        let watch = move || {
+                            let shown = self.experiment(experiment, truth, &mut beside);
+                            self.has_failed.fetch_or(shown.is_err(), Ordering::Relaxed);
+                            shown
+                        };
+                        running.push(Ok(scope.spawn(watch)));
+                    }
+                }
+            }
+            let join = |thread: std::thread::ScopedJoinHandle<'_, _>| {
+                thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+            };
+            running.into_iter().map(|thread| thread.and_then(join)).collect::<Vec<_>>()
+        });
+        let (mut shown, mut files) = (Vec::new(), Vec::new());
+        for experiment in ended {
+            let (experiment, made) = experiment?;
+            shown.push(experiment);
+            files.extend(made);
+        }
+        Ok((shown, files))
+    }
+
+    /// One experiment live, judged and drawn.
+    fn experiment(
+        &self,
+        experiment: Experiment,
+        truth: Simulation,
+        progress: &mut Progress,
+    ) -> Result<(Shown, Vec<File>), ReportError> {
+        let frames = truth.frames_v.nrows();
+        let goes_on = || self.goes_on();
+        let with = (self.model, self.instrument);
+        let seen = live::run((&experiment, frames), with, self.folder, &goes_on, progress)?;
+        let judged = judge::judge(&seen, &truth);
+        let shown = Shown { experiment, truth, seen, judged };
+        if !shown.seen.is_whole {
+            return Ok((shown, Vec::new()));
+        }
+        let files = progress.steps(experiment.stages[2], 1, |bar| {
+            pictures::of_experiment(&shown, &self.skin, bar)
+        })?;
+        Ok((shown, files))
+    }
+
+    /// Writes pictures, page and numbers.
+    fn report(
+        &self,
+        shown: &[Shown],
+        mut files: Vec<File>,
+        (nodes, seconds): (usize, f64),
+        progress: &mut Progress,
+    ) -> Result<Answer, ReportError> {
+        let mut out = OutFolder::new(self.folder.path())?;
+        progress.stage("report", || {
+            files.extend(pictures::of_both(shown, self.model, &self.skin)?);
+            let page = page::page(shown, &files, self.model, self.folder, (nodes, seconds));
+            for (name, bytes) in &files {
+                out.write(name, |w| w.write_all(bytes).map_err(io))?;
+            }
+            out.write(REPORT, |w| page.write(w))
+        })?;
+        let mut names = out.names();
+        names.push(NUMBERS);
+        names.extend(EXPERIMENTS.map(|experiment| experiment.recording));
+        names.extend(["scene.toml", EXPERIMENTS[0].folder, EXPERIMENTS[1].folder]);
+        let json = json!({
+            "scene": "paper-disc",
+            "seconds": seconds,
+            "simulation_nodes": nodes,
+            "reconstruction_nodes": self.model.setup.mesh.surface().nodes().len(),
+            "experiments": shown.iter().map(numbers).collect::<Vec<_>>(),
+            "interrupted": false,
+            "report": self.folder.join(REPORT).display().to_string(),
+            "files": names,
+        });
+        out.write(NUMBERS, |w| writeln!(w, "{json:#}").map_err(io))?;
+        out.commit(&[])?;
+        Ok(Answer { text: text(shown, self.folder, seconds), json })
+    }
+}
+
+/// The command that plays a recording.
+fn replay_command(folder: &Path, experiment: &Experiment) -> String {
+    format!(
+        "eit replay {} --from {} --out {}-again",
+        folder.join("scene.toml").display(),
+        folder.join(experiment.recording).display(),
+        experiment.folder
+    )
+}
+
+fn numbers(shown: &Shown) -> Value {
+    let summary = &shown.seen.summary;
+    let [median, high, worst] = [0.5, 0.95, 1.0].map(|share| summary.latency_s(share));
+    json!({
+        "name": shown.experiment.name,
+        "frames": summary.frames,
+        "line": shown.seen.line,
+        "images": summary.images_json(),
+        "touches": summary.touches,
+        "latency_s": { "median": median, "p95": high, "worst": worst },
+        "judged": shown.judged.json(),
+        "simulation_s": shown.truth.report.time_s,
+        "live_s": summary.span_s,
+        "notices": summary.notices,
+    })
+}
+
+fn text(shown: &[Shown], folder: &DemoFolder, seconds: f64) -> String {
+    let mut lines = Vec::new();
+    for Shown { experiment, seen, judged, .. } in shown {
+        let [.., quotient] = judged.errors_of_touched();
+        let latency_ms = 1e3 * seen.summary.latency_s(0.5).unwrap_or(f64::NAN);
+        lines.push(format!(
+            "{}: {} images; the U-net leaves {quotient:.2} of their squared error; fingers found in \
+             {} of {} cases, {:.1} mm off, {} invented; {latency_ms:.0} ms from a frame to its touches",
+            experiment.name,
+            seen.summary.frames,
+            judged.found,
+            judged.fingers,
+            1e3 * judged.distance_m(),
+            judged.invented,
+        ));
+    }
+    if let Some(line) = shown.iter().map(|s| &s.seen.line).find(|line| line.starts_with("TCP")) {
+        lines.push(format!("the instrument was reached by {line}"));
+    }
+    lines.push(format!("medians; {seconds:.0} s in all"));
+    lines.push(format!("look at {}", folder.join(REPORT).display()));
+    lines.extend(
+        shown.first().map(|s| format!("again: {}", replay_command(folder.path(), &s.experiment))),
+    );
+    lines.join("\n")
+}
+
+/// What is there after Ctrl-C.
+fn interrupted(folder: &DemoFolder, shown: &[Shown]) -> Answer {
+    let mut text = "interrupted: no report, no pictures; what there is, is whole".to_owned();
+    let mut files = vec!["scene.toml"];
+    for experiment in EXPERIMENTS {
+        let seen = shown.iter().find(|shown| shown.experiment.name == experiment.name);
+        let own = folder.join(experiment.folder);
+        if let Some(Shown { seen, .. }) = seen {
+            text += &format!(
+                "\n{}: {} frames with images; {} and {}",
+                experiment.name,
+                seen.summary.frames,
+                folder.join(experiment.recording).display(),
+                own.display(),
+            );
+            files.push(experiment.recording);
+            files.push(experiment.folder);
+        } else if own.exists() {
+            text += &format!("\n{}: simulated, not seen; {}", experiment.name, own.display());
+            files.push(experiment.folder);
+        }
+    }
+    let json = json!({
+        "interrupted": true,
+        "experiments": shown.iter().map(numbers).collect::<Vec<_>>(),
+        "files": files,
+    });
+    Answer { text, json }
+}

@@ -1,0 +1,130 @@
+//! The folder of a demo: what is in it, and whose.
+
+use crate::error::ReportError;
+use crate::output::{OutFile, OutFolder, io};
+use eit_skin::scene::Scene;
+use std::fs;
+use std::io::{BufRead as _, BufReader, ErrorKind};
+use std::path::{Path, PathBuf};
+
+/// First line of the scene: the folder is a demo's.
+const MARK: &str = "# Made by `eit demo`.";
+/// What stands in its way is named so often at most.
+const NAMED: usize = 3;
+/// What a demo writes into a folder for each experiment.
+const OF_EXPERIMENT: [&str; 5] =
+    ["frames.npy", "truth.npy", "images.npy", "raw.npy", "touches.csv"];
+
+/// A folder that the demo may write to.
+pub(super) struct DemoFolder {
+    path: PathBuf,
+}
+
+impl DemoFolder {
+    /// Takes a new or empty folder, or that of an earlier demo, whose results go; one with other
+    /// content only by `force`, and nothing but what the demo is called is touched in it.
+    pub fn claim(path: &Path, own: &[&str], force: bool) -> Result<Self, ReportError> {
+        let folder = Self { path: path.to_path_buf() };
+        let strangers = folder.strangers(own)?;
+        if let ([first, rest @ ..], false) = (&strangers[..], force) {
+            let mut names = first.clone();
+            for name in rest.iter().take(NAMED - 1) {
+                names += &format!(", {name}");
+            }
+            if strangers.len() > NAMED {
+                names += &format!(" and {} more", strangers.len() - NAMED);
+            }
+            return Err(ReportError::input(format!(
+                "{}: holds {names}, which no demo made: name another folder by --out, or write \
+                 beside it by --force",
+                path.display()
+            )));
+        }
+        OutFolder::new(path)?;
+        for name in own {
+            folder.remove(&path.join(name))?;
+        }
+        Ok(folder)
+    }
+
+    /// What is in the folder and not of an earlier demo.
+    fn strangers(&self, own: &[&str]) -> Result<Vec<String>, ReportError> {
+        let refused = |e: std::io::Error| {
+            ReportError::input(format!("{}: cannot be read: {e}", self.path.display()))
+        };
+        let entries = match fs::read_dir(&self.path) {
+            // nothing is there; whether it can be made is seen when it is
+            Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+                return Ok(Vec::new());
+            }
+            entries => entries.map_err(refused)?,
+        };
+        let is_demo = fs::File::open(self.scene()).is_ok_and(|file| {
+            BufReader::new(file).lines().next().and_then(Result::ok).as_deref() == Some(MARK)
+        });
+        let mut strangers = Vec::new();
+        for entry in entries {
+            let name = entry.map_err(refused)?.file_name().to_string_lossy().into_owned();
+            // a run that was killed leaves its temporary files
+            if !(is_demo && own.contains(&&*name) || name.starts_with(".eit-")) {
+                strangers.push(name);
+            }
+        }
+        strangers.sort();
+        Ok(strangers)
+    }
+
+    /// Removes a result of an earlier demo: a file, or a folder with what a demo writes there.
+    fn remove(&self, place: &Path) -> Result<(), ReportError> {
+        let gone = |result: std::io::Result<()>| match result {
+            Err(e) if e.kind() != ErrorKind::NotFound => Err(ReportError::at(place, e)),
+            _ => Ok(()),
+        };
+        if !place.is_dir() {
+            return gone(fs::remove_file(place));
+        }
+        for name in OF_EXPERIMENT {
+            gone(fs::remove_file(place.join(name)))?;
+        }
+        // with other things in it, it stays
+        let _ = fs::remove_dir(place);
+        Ok(())
+    }
+
+    /// Writes the scene, which `eit replay` plays the recordings with.
+    pub fn write_scene(&self, quick: bool) -> Result<(), ReportError> {
+        let (pixels, any_skin, rate_hz) = if quick { (32, true, 50.0) } else { (64, false, 10.0) };
+        let skin = Scene::text("paper-disc")?;
+        OutFile::new(&self.scene())?.write(|out| {
+            writeln!(
+                out,
+                "{MARK}\n{skin}\n\
+                 [reconstruction]\nmethod = \"st-tv\"\npixels = {pixels}\n\
+                 target_gap = 0.1        # 0.01 costs four times as much, and the images are no \
+                 nearer to the truth\n\n\
+                 [touch]\n\
+                 drift_time_s = 300.0    # a finger stays for most of a minute: what four seconds of \
+                 quiet show of drift is noise\n\n\
+                 [denoise]\nweights = \"default\"\nany_skin = {any_skin}\n\n\
+                 [instrument]            # eit_hw::emulator\n\
+                 driver = \"eits1\"\nframe_rate_hz = {rate_hz:?}"
+            )
+            .map_err(io)
+        })
+    }
+
+    /// The scene's place.
+    pub fn scene(&self) -> PathBuf {
+        self.path.join("scene.toml")
+    }
+
+    /// A place in the folder.
+    pub fn join(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    /// The folder itself.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}

@@ -1,0 +1,211 @@
+//! An experiment as it would be on a real skin: instrument, driver, recording, images, touches.
+
+use super::experiment::{Experiment, QUIET};
+use super::folder::DemoFolder;
+use crate::watched::{Kept, record_of};
+use eit_skin::connect;
+use eit_skin::emulate::{self, Content};
+use crate::error::ReportError;
+use eit_skin::Progress;
+use eit_skin::scene::Instrument;
+use eit_skin::live::{Model, Sight, Summary, Watcher};
+use eit_hw::capture::{CaptureSettings, CaptureWriter};
+use eit_hw::driver::{Event, Overflow, Session};
+use eit_hw::emulator::{Emulator, FaultPlan, Listen};
+use eit_inverse::touch::{Touch, TouchState};
+use indicatif::ProgressBar;
+use ndarray::{Array2, Array3, Axis};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// An instrument that is silent so long has failed.
+const SILENCE: Duration = Duration::from_secs(20);
+
+/// What was seen of an experiment.
+pub(super) struct Seen {
+    /// Frame of the script behind each image.
+    pub frames: Vec<usize>,
+    /// Images before and after the net, siemens, [frame, row, column].
+    pub raw: Array3<f64>,
+    pub made: Array3<f64>,
+    /// Touches of each image.
+    pub touches: Vec<Vec<Touch>>,
+    /// What happened while it was watched.
+    pub summary: Summary,
+    /// How the instrument was reached, in words.
+    pub line: String,
+    /// All frames of the script came.
+    pub is_whole: bool,
+}
+
+/// The instrument and the driver that talks to it.
+struct Wire {
+    session: Session,
+    emulator: Emulator,
+    line: String,
+    /// Where the terminal has its name; goes last.
+    folder: Option<tempfile::TempDir>,
+}
+
+/// Plays the frames of a file once through an emulated instrument and looks at them live.
+pub(super) fn run(
+    (experiment, frames): (&Experiment, usize),
+    (model, instrument): (&Model, &Instrument),
+    folder: &DemoFolder,
+    goes_on: &(dyn Fn() -> bool + Sync),
+    progress: &mut Progress,
+) -> Result<Seen, ReportError> {
+    let wanted = frames.saturating_sub(QUIET);
+    progress.steps(experiment.stages[1], wanted, |bar| {
+        let own = folder.join(experiment.folder);
+        let mut wire = connect(model, instrument, &own.join("frames.npy"))?;
+        let record = connect::session_record(&model.scene, instrument, &wire.session)?;
+        let place = folder.join(experiment.recording);
+        let writer = CaptureWriter::create(&place, &record, CaptureSettings::default())?;
+        let mut watcher = Demo {
+            writer,
+            kept: Kept::new(&own)?,
+            wanted: wanted as u64,
+            goes_on,
+            bar,
+            last: Instant::now(),
+            failure: None,
+            pile: Pile::default(),
+        };
+        let summary = model.watch(&mut wire.session, true, &mut watcher);
+        wire.session.stop();
+        wire.emulator.stop();
+        let Demo { writer, kept, pile, failure, .. } = watcher;
+        // whatever happened, what came is whole; and what happened first is told
+        let ended = (writer.finish(), kept.finish());
+        let summary = summary?;
+        ended.0?;
+        ended.1?;
+        if let Some(failure) = failure {
+            return Err(failure);
+        }
+        Ok(Seen {
+            is_whole: summary.frames == wanted as u64,
+            frames: pile.frames,
+            raw: stacked(&pile.raw)?,
+            made: stacked(&pile.made)?,
+            touches: pile.touches,
+            summary,
+            line: wire.line,
+        })
+    })
+}
+
+fn stacked(images: &[Array2<f64>]) -> Result<Array3<f64>, ReportError> {
+    if images.is_empty() {
+        return Ok(Array3::zeros((0, 1, 1)));
+    }
+    let views: Vec<_> = images.iter().map(|image| image.view()).collect();
+    ndarray::stack(Axis(0), &views).map_err(|e| ReportError::Failure(format!("images: {e}")))
+}
+
+/// Starts the instrument on a pseudo-terminal and opens it; on TCP where that fails, and says why.
+fn connect(model: &Model, instrument: &Instrument, frames: &Path) -> Result<Wire, ReportError> {
+    let content = Content { frames: Some(frames), serial: "demo", seed: 0 };
+    let open = |listen: &Listen, line: &str| {
+        let mut silent = Progress::silent();
+        let device = emulated::device(&model.scene, instrument, &content, &mut silent)?;
+        let emulator = Emulator::start(device, listen, FaultPlan::default())?;
+        let port = emulator.endpoint().to_string();
+        let session = connect::open(&model.scene, instrument, Some(&port), Overflow::Fail)?;
+        Ok::<_, ReportError>(Wire { session, emulator, line: line.to_owned(), folder: None })
+    };
+    let why = match on_terminal(&open) {
+        Ok(wire) => return Ok(wire),
+        Err(why) => why,
+    };
+    let line = format!("TCP on this computer, as there was no pseudo-terminal ({why})");
+    open(&Listen::Tcp("127.0.0.1:0".to_owned()), &line)
+}
+
+/// The way by a pseudo-terminal.
+#[cfg(unix)]
+fn on_terminal(open: &dyn Fn(&Listen, &str) -> Result<Wire, ReportError>) -> Result<Wire, ReportError> {
+    let folder = tempfile::Builder::new()
+        .prefix("eit-demo-")
+        .tempdir()
+        .map_err(|e| ReportError::Failure(format!("no folder for its name: {e}")))?;
+    let mut wire = open(&Listen::PseudoTerminal(folder.path().join("skin")), "a pseudo-terminal")?;
+    wire.folder = Some(folder);
+    Ok(wire)
+}
+
+#[cfg(not(unix))]
+fn on_terminal(_: &dyn Fn(&Listen, &str) -> Result<Wire, ReportError>) -> Result<Wire, ReportError> {
+    Err(ReportError::Failure("this system has none".to_owned()))
+}
+
+/// Records, keeps and counts.
+struct Demo<'a> {
+    writer: CaptureWriter,
+    kept: Kept,
+    wanted: u64,
+    goes_on: &'a (dyn Fn() -> bool + Sync),
+    bar: &'a ProgressBar,
+    /// When the last event came.
+    last: Instant,
+    failure: Option<ReportError>,
+    pile: Pile,
+}
+
+/// What is judged and drawn later, image by image.
+#[derive(Default)]
+struct Pile {
+    frames: Vec<usize>,
+    raw: Vec<Array2<f64>>,
+    made: Vec<Array2<f64>>,
+    touches: Vec<Vec<Touch>>,
+}
+
+impl Watcher for Demo<'_> {
+    fn event(&mut self, event: &Event) -> Result<(), ReportError> {
+        match (event, connect::words(event)) {
+            (Event::Frame(frame), _) => {
+                self.last = Instant::now();
+                self.writer.frame(frame)?;
+            }
+            (_, Some(words)) => self.writer.note(&words)?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn idle(&mut self) -> Result<(), ReportError> {
+        if self.last.elapsed() > SILENCE {
+            self.failure = Some(ReportError::Failure(format!(
+                "the emulated instrument has been silent for {} s",
+                SILENCE.as_secs()
+            )));
+        }
+        Ok(self.writer.tick()?)
+    }
+
+    fn sight(&mut self, sight: &Sight<'_>) -> Result<(), ReportError> {
+        self.kept.take(sight)?;
+        if !sight.touches.is_empty() {
+            self.writer.touches(&record_of(sight))?;
+        }
+        let raster = &sight.finder.raster;
+        let made = raster.image_from_pixels(sight.movie.pixels())?;
+        let raw = match sight.movie.raw() {
+            Some(raw) => raster.image_from_pixels(raw)?,
+            None => made.clone(),
+        };
+        let alive = sight.touches.iter().filter(|touch| touch.state != TouchState::End);
+        self.pile.frames.push(sight.frame.sequence as usize);
+        self.pile.raw.push(raw);
+        self.pile.made.push(made);
+        self.pile.touches.push(alive.copied().collect());
+        self.bar.set_position(sight.number + 1);
+        Ok(())
+    }
+
+    fn goes_on(&mut self, summary: &Summary) -> bool {
+        summary.frames < self.wanted && self.failure.is_none() && (self.goes_on)()
+    }
+}

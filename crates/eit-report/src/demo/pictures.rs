@@ -1,0 +1,360 @@
+//! The pictures: each tells what one of the paper's figures tells.
+//! Long because they are one list.
+
+use super::experiment::{Experiment, QUIET};
+use super::judge::{ImageError, Judged};
+use super::live::Seen;
+use eit_picture::draw;
+use crate::error::ReportError;
+use eit_picture::{
+    Canvas, FrameLabels, MeshDrawing, PictureSettings, Plot, Series, SkinDrawing, Track,
+    TracksPanel, draw_mesh, draw_plot, draw_sheet, draw_tracks, write_gif,
+};
+use eit_picture::view::View;
+use eit_skin::live::Model;
+use eit_fem::fabric::Simulation;
+use indicatif::ProgressBar;
+use ndarray::{Array3, ArrayView2, Axis};
+
+/// The mesh, in the place of the paper's figure 3.
+pub(super) const MESH: &str = "figure-03-mesh.png";
+/// The ways of the fingers, in the place of figure 4.
+pub(super) const WAYS: &str = "figure-04-ways.png";
+/// Time from a frame to its image and touches.
+pub(super) const LATENCY: &str = "latency.png";
+/// Both experiments on one page.
+pub(super) const OVERVIEW: &str = "overview.png";
+/// What an image is compared with.
+const ROWS: [&str; 3] = ["truth", "raw", "after the U-net"];
+/// Frames in the picture of images, and of each experiment in the overview.
+const FRAMES: usize = 6;
+const FRAMES_OF_OVERVIEW: usize = 3;
+/// Frames of a movie at most, and how many it shows a second.
+const MOVIE_FRAMES: usize = 140;
+const MOVIE_RATE_HZ: f64 = 12.0;
+/// Bars of the histogram.
+const BARS: usize = 40;
+/// Ends of the colours in the largest true change: raw images are paler than the truth.
+const RANGE: f64 = 0.6;
+/// Touches with fewer places than this part of the frames are drawn as one.
+const BRIEF: f64 = 0.1;
+
+/// An experiment, seen and judged.
+pub(super) struct Shown {
+    pub experiment: Experiment,
+    pub truth: Simulation,
+    pub seen: Seen,
+    pub judged: Judged,
+}
+
+/// A picture as a file's content.
+pub(super) type File = (&'static str, Vec<u8>);
+
+fn png(name: &'static str, canvas: &Canvas) -> Result<File, ReportError> {
+    let mut bytes = Vec::new();
+    canvas.write_png(&mut bytes)?;
+    Ok((name, bytes))
+}
+
+/// Movie and figures of an experiment.
+pub(super) fn of_experiment(
+    shown: &Shown,
+    skin: &SkinDrawing,
+    bar: &ProgressBar,
+) -> Result<Vec<File>, ReportError> {
+    let Shown { experiment, seen, .. } = shown;
+    if seen.frames.is_empty() {
+        return Ok(Vec::new());
+    }
+    let [images, error, touches] = experiment.figures;
+    Ok(vec![
+        (experiment.movie, movie(shown, skin, bar)?),
+        png(images, &shown.images(skin)?)?,
+        png(error, &shown.error()?)?,
+        png(touches, &shown.tracks(skin)?)?,
+    ])
+}
+
+impl Shown {
+    /// The three images of a frame: what was, what was reconstructed, what the net made of it.
+    fn of_frame(&self, k: usize) -> [ArrayView2<'_, f64>; 3] {
+        let images = &self.truth.truth.conductivity_change_s;
+        let row = self.judged.errors[k].frame;
+        [
+            images.index_axis(Axis(0), row),
+            self.seen.raw.index_axis(Axis(0), k),
+            self.seen.made.index_axis(Axis(0), k),
+        ]
+    }
+
+    /// Images of so many touched frames, evenly over all of them.
+    fn chosen(&self, count: usize) -> Vec<usize> {
+        let errors = self.judged.errors.iter().enumerate();
+        let touched: Vec<usize> = errors.filter(|(_, e)| e.is_touched).map(|(k, _)| k).collect();
+        let place = |k: usize| (2 * k + 1) * touched.len() / (2 * count);
+        (0..count).filter_map(|k| touched.get(place(k)).copied()).collect()
+    }
+
+    /// Time of a frame in the script.
+    fn label(&self, k: usize) -> String {
+        format!("frame {}", self.judged.errors[k].frame)
+    }
+
+    /// Ends of the colours: a part of the largest true change.
+    fn range(&self) -> Option<[f64; 2]> {
+        let images = &self.truth.truth.conductivity_change_s;
+        let most = images.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
+        let most = RANGE * most;
+        (most > 0.0).then_some([-most, most])
+    }
+
+    /// Truth over raw over denoised images.
+    fn images(&self, skin: &SkinDrawing) -> Result<Canvas, ReportError> {
+        let settings = PictureSettings {
+            title: format!("{}: truth, reconstruction, after the U-net", title(&self.experiment)),
+            footnote: format!("simulated fabric · {}", self.seen.summary.images),
+            range: self.range(),
+            ..Default::default()
+        };
+        sheet(&[(self, FRAMES)], skin, settings)
+    }
+
+    /// Error of each frame, before and after the net.
+    fn error(&self) -> Result<Canvas, ReportError> {
+        let errors = &self.judged.errors;
+        // frames without a touch are orders of magnitude below
+        let least = 1e-4 * errors.iter().map(|e| e.raw).fold(0.0, f64::max);
+        let curve = |name: &str, of: fn(&ImageError) -> f64| {
+            let points = errors.iter().map(|e| [e.frame as f64, of(e)]);
+            let points = points.filter(|p| p[1] > least).collect();
+            Series { name: name.to_owned(), points, line: true, markers: false }
+        };
+        let [raw, made, quotient] = self.judged.errors_of_touched();
+        Ok(draw_plot(&Plot {
+            title: format!("{}: mean squared error of each frame", title(&self.experiment)),
+            footnote: format!(
+                "against the true change of conductivity; medians of touched frames {raw:.1e} and \
+                 {made:.1e} S², {quotient:.2} of the raw image's is left"
+            ),
+            x_label: "frame".to_owned(),
+            y_label: "mean squared error (S²)".to_owned(),
+            x_log: false,
+            y_log: true,
+            series: vec![curve("raw", |e| e.raw), curve("after the U-net", |e| e.made)],
+            zoom: 2,
+        })?)
+    }
+
+    /// Touches over the skin, beside the ways of the fingers.
+    fn tracks(&self, skin: &SkinDrawing) -> Result<Canvas, ReportError> {
+        let mut tracks = vec![];
+        tracks.extend(ways(&self.truth, Some("the finger")));
+        let mut ids: Vec<u64> = self.seen.touches.iter().flatten().map(|touch| touch.id).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        let (mut others, mut count) = (Vec::new(), 0);
+        for id in ids {
+            let of = self.seen.touches.iter().flatten().filter(|t| t.id == id && t.valid);
+            let places_m: Vec<_> = of.map(|t| [t.position_m[0], t.position_m[1]]).collect();
+            if (places_m.len() as f64) < BRIEF * self.seen.frames.len() as f64 {
+                others.extend(places_m);
+                count += 1;
+            } else {
+                tracks.push(Track { name: format!("touch {id}"), places_m, is_truth: false });
+            }
+        }
+        if count > 0 {
+            let name = format!("{count} brief touch{}", if count == 1 { "" } else { "es" });
+            tracks.push(Track { name, places_m: others, is_truth: false });
+        }
+        let Judged { fingers, found, invented, left_over, .. } = self.judged;
+        let label = format!(
+            "found in {found} of {fingers} cases, {:.1} mm off in the median",
+            1e3 * self.judged.distance_m()
+        );
+        let note = format!(
+            "a dot for each frame; {invented} dots where no finger is, {left_over} of them when none is \
+             on the skin"
+        );
+        let title = format!("{}: touches as they were tracked", title(&self.experiment));
+        let panel = TracksPanel { label, tracks };
+        Ok(draw_tracks(&[panel], skin, (&title, &note), 2)?)
+    }
+}
+
+/// "One finger".
+fn title(experiment: &Experiment) -> String {
+    let mut letters = experiment.name.chars();
+    letters.next().map_or_else(String::new, |first| {
+        first.to_uppercase().collect::<String>() + letters.as_str()
+    })
+}
+
+/// The true way of each finger; the first has the name.
+fn ways(truth: &Simulation, name: Option<&str>) -> Vec<Track> {
+    let mut fingers: Vec<u32> = truth.truth.touches.iter().map(|touch| touch.finger).collect();
+    fingers.sort_unstable();
+    fingers.dedup();
+    let way = |(k, finger): (usize, &u32)| {
+        let of = truth.truth.touches.iter().filter(|touch| touch.finger == *finger);
+        let name = match (name, fingers.len()) {
+            (Some(name), 1) => name.to_owned(),
+            (Some(_), _) if k == 0 => "the fingers".to_owned(),
+            _ => String::new(),
+        };
+        Track { name, places_m: of.map(|touch| touch.position_m).collect(), is_truth: true }
+    };
+    fingers.iter().enumerate().map(way).collect()
+}
+
+/// Frames of experiments side by side, with a row for each of the three images.
+fn sheet(
+    shown: &[(&Shown, usize)],
+    skin: &SkinDrawing,
+    settings: PictureSettings,
+) -> Result<Canvas, ReportError> {
+    let frames: Vec<(&Shown, usize)> = shown
+        .iter()
+        .flat_map(|(shown, count)| shown.chosen(*count).into_iter().map(move |k| (*shown, k)))
+        .collect();
+    let (mut images, mut labels) = (Vec::new(), Vec::new());
+    for (row, name) in ROWS.iter().enumerate() {
+        for (shown, k) in &frames {
+            images.push(shown.of_frame(*k)[row]);
+            labels.push(format!("{name}, {}", shown.label(*k)));
+        }
+    }
+    let stacked = stack(&images)?;
+    let labels = FrameLabels::Text(labels);
+    let settings = PictureSettings { labels, columns: Some(frames.len()), ..settings };
+    Ok(draw_sheet(stacked.view(), skin, &settings)?)
+}
+
+fn stack(images: &[ArrayView2<'_, f64>]) -> Result<Array3<f64>, ReportError> {
+    ndarray::stack(Axis(0), images).map_err(|e| ReportError::Failure(format!("images: {e}")))
+}
+
+/// Truth, raw and denoised images side by side, frame by frame.
+fn movie(shown: &Shown, skin: &SkinDrawing, bar: &ProgressBar) -> Result<Vec<u8>, ReportError> {
+    let count = shown.seen.frames.len();
+    let every = count.div_ceil(MOVIE_FRAMES).max(1);
+    let (mut images, mut labels, mut marks_m) = (Vec::new(), Vec::new(), Vec::new());
+    for k in (0..count).step_by(every) {
+        images.extend(shown.of_frame(k));
+        labels.extend([ROWS[0].to_owned(), shown.label(k), ROWS[2].to_owned()]);
+        let touches = shown.seen.touches[k].iter().filter(|touch| touch.valid);
+        let marks = touches.map(|t| [t.position_m[0], t.position_m[1]]).collect();
+        marks_m.extend([Vec::new(), Vec::new(), marks]);
+    }
+    let stacked = stack(&images)?;
+    let settings = PictureSettings {
+        title: format!("{}: truth, reconstruction, after the U-net", title(&shown.experiment)),
+        footnote: "crosses: touches".to_owned(),
+        labels: FrameLabels::Text(labels),
+        marks_m,
+        range: shown.range(),
+        columns: Some(ROWS.len()),
+        ..Default::default()
+    };
+    let mut bytes = Vec::new();
+    let mut tick = |done: usize, all: usize| {
+        bar.set_length(all as u64);
+        bar.set_position(done);
+    };
+    write_gif(stacked.view(), skin, &settings, MOVIE_RATE_HZ, &mut bytes, &mut tick)?;
+    Ok(bytes)
+}
+
+/// What both experiments share.
+pub(super) fn of_both(
+    shown: &[Shown],
+    model: &Model,
+    skin: &SkinDrawing,
+) -> Result<Vec<File>, ReportError> {
+    let mut files = vec![png(MESH, &mesh(model)?)?, png(WAYS, &all_ways(shown, skin)?)?];
+    if let Some(canvas) = latency(shown)? {
+        files.push(png(LATENCY, &canvas)?);
+    }
+    let frames: Vec<(&Shown, usize)> = shown.iter().map(|s| (s, FRAMES_OF_OVERVIEW)).collect();
+    let settings = PictureSettings {
+        title: "One and two fingers on the simulated fabric".to_owned(),
+        footnote: "live through an emulated instrument".to_owned(),
+        range: shown.first().and_then(Shown::range),
+        zoom: 1,
+        ..Default::default()
+    };
+    files.push(png(OVERVIEW, &sheet(&frames, skin, settings)?)?);
+    Ok(files)
+}
+
+/// The mesh that reconstructs, with its electrodes.
+fn mesh(model: &Model) -> Result<Canvas, ReportError> {
+    let surface = model.setup.mesh.surface();
+    let nodes_m: Vec<[f64; 2]> = surface.nodes().iter().map(|p| [p[0], p[1]]).collect();
+    let triangles: Vec<[usize; 3]> =
+        surface.triangles().iter().map(|t| t.map(|node| node as usize)).collect();
+    let drawing = MeshDrawing { nodes_m: &nodes_m, triangles: &triangles, values: None };
+    let settings = PictureSettings {
+        title: "The fabric with its 16 electrodes, as it is reconstructed".to_owned(),
+        ..Default::default()
+    };
+    Ok(draw_mesh(&drawing, &draw::skin_of_mesh(&model.setup.mesh, &View::TOP), &settings)?)
+}
+
+/// Where the fingers go.
+fn all_ways(shown: &[Shown], skin: &SkinDrawing) -> Result<Canvas, ReportError> {
+    let panel = |shown: &Shown| {
+        let frames = shown.truth.frames_v.nrows();
+        let label =
+            format!("{}: {frames} frames, the first {QUIET} untouched", shown.experiment.name);
+        let mut tracks = ways(&shown.truth, None);
+        let starts = tracks.iter().filter_map(|track| track.places_m.first().copied());
+        let starts = Track {
+            name: "where they begin".to_owned(),
+            places_m: starts.collect(),
+            is_truth: false,
+        };
+        tracks.push(starts);
+        TracksPanel { label, tracks }
+    };
+    let panels: Vec<TracksPanel> = shown.iter().map(panel).collect();
+    Ok(draw_tracks(&panels, skin, ("The ways of the fingers", ""), 2)?)
+}
+
+/// How long it took from the last byte of a frame to its image and touches.
+fn latency(shown: &[Shown]) -> Result<Option<Canvas>, ReportError> {
+    let all = || shown.iter().flat_map(|s| &s.seen.summary.latencies_s).map(|s| 1e3 * s);
+    let least_ms = all().fold(f64::INFINITY, f64::min).max(0.1);
+    let most_ms = all().fold(least_ms, f64::max);
+    if most_ms <= least_ms {
+        return Ok(None);
+    }
+    let span = (most_ms / least_ms).ln();
+    let edge_ms = |bar: usize| least_ms * (span * bar as f64 / BARS as f64).exp();
+    let histogram = |shown: &Shown| {
+        let mut counts = [0.0; BARS];
+        for latency_s in &shown.seen.summary.latencies_s {
+            let part = (1e3 * latency_s / least_ms).max(1.0).ln() / span;
+            counts[((BARS as f64 * part) as usize).min(BARS - 1)] += 1.0;
+        }
+        let mut points = vec![[least_ms, 0.0]];
+        for (bar, count) in counts.into_iter().enumerate() {
+            points.extend([[edge_ms(bar), count], [edge_ms(bar + 1), count]]);
+        }
+        points.push([most_ms, 0.0]);
+        let name = shown.experiment.name.to_owned();
+        Series { name, points, line: true, markers: false }
+    };
+    Ok(Some(draw_plot(&Plot {
+        title: "From the last byte of a frame to its image and touches".to_owned(),
+        footnote: "on this computer, with what else it did; frames that wait for the ones before \
+                   them, and for the set-up behind the reference, included"
+            .to_owned(),
+        x_label: "time (ms)".to_owned(),
+        y_label: "frames".to_owned(),
+        x_log: true,
+        y_log: false,
+        series: shown.iter().map(histogram).collect(),
+        zoom: 2,
+    })?))
+}

@@ -1,0 +1,183 @@
+//! One HTML page that needs nothing beside it: pictures are inside, no script, no network.
+//!
+//! Opens by double click. A browser without style sheets still shows headings, pictures and tables
+//! in order.
+
+use crate::error::ReportError;
+use crate::output::io;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use std::io::Write;
+
+/// Light and dark by the reader's setting; tables scroll on narrow screens instead of widening the
+/// page; pictures keep white paper.
+const STYLE: &str = "
+:root { color-scheme: light dark; }
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { line-height: 1.2; } h2 { margin-top: 2.5rem; border-bottom: 1px solid #8886; }
+nav ul { columns: 2; } figure { margin: 1.5rem 0; }
+figure img { max-width: 100%; height: auto; background: white; }
+figcaption, .note { font-size: .9rem; opacity: .85; }
+.table { overflow-x: auto; } table { border-collapse: collapse; font-size: .85rem; }
+th, td { padding: .25rem .6rem; border-bottom: 1px solid #8884; text-align: right; }
+th { vertical-align: bottom; } th:first-child, td:first-child, td.text { text-align: left; }
+dt { font-weight: 600; } dd { margin: 0 0 .5rem 1.5rem; }
+pre { overflow-x: auto; padding: .6rem; border: 1px solid #8884; }
+";
+
+/// A page.
+#[derive(Debug, Clone, Default)]
+pub struct Page {
+    /// Headline, also the browser's.
+    pub title: String,
+    /// What the page is, in a sentence or two.
+    pub lead: String,
+    /// Its parts, in order.
+    pub sections: Vec<Section>,
+}
+
+/// A part of a page.
+#[derive(Debug, Clone, Default)]
+pub struct Section {
+    /// Headline; in the table of contents.
+    pub title: String,
+    /// What it shows, from top to bottom.
+    pub blocks: Vec<Block>,
+}
+
+/// A piece of a section.
+#[derive(Debug, Clone)]
+pub enum Block {
+    /// A paragraph.
+    Text(String),
+    /// Lines to type or to look at, as they are.
+    Code(String),
+    /// A picture: the content of a PNG or GIF file, and what it shows.
+    Picture {
+        /// The file's bytes.
+        bytes: Vec<u8>,
+        /// What a reader who cannot see it is told; also the small print below.
+        caption: String,
+    },
+    /// Names and what is said of each.
+    List(Vec<(String, String)>),
+    /// A table.
+    Table {
+        /// Names of the columns.
+        head: Vec<String>,
+        /// Cells of each row.
+        rows: Vec<Vec<String>>,
+        /// Conditions, below.
+        note: String,
+    },
+}
+
+impl Page {
+    /// Writes the page.
+    pub fn write(&self, out: &mut dyn Write) -> Result<(), ReportError> {
+        out.write_all(self.markup().into_string().as_bytes()).map_err(io)
+    }
+
+    fn markup(&self) -> Markup {
+        html! {
+            (DOCTYPE)
+            html lang="en" {
+                head {
+                    meta charset="utf-8";
+                    meta name="viewport" content="width=device-width, initial-scale=1";
+                    title { (self.title) }
+                    style { (PreEscaped(STYLE)) }
+                }
+                body {
+                    h1 { (self.title) }
+                    p { (self.lead) }
+                    @if self.sections.len() > 2 {
+                        nav { ul {
+                            @for (number, section) in self.sections.iter().enumerate() {
+                                li { a href=(format!("#s{number}")) { (section.title) } }
+                            }
+                        } }
+                    }
+                    @for (number, section) in self.sections.iter().enumerate() {
+                        section id=(format!("s{number}")) {
+                            h2 { (section.title) }
+                            @for block in &section.blocks { (block.markup()) }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl Block {
+    fn markup(&self) -> Markup {
+        match self {
+            Self::Text(text) => html! { p { (text) } },
+            Self::Code(text) => html! { pre { (text) } },
+            Self::Picture { bytes, caption } => {
+                let kind = if bytes.starts_with(b"GIF8") { "gif" } else { "png" };
+                let data = format!("data:image/{kind};base64,{}", STANDARD.encode(bytes));
+                html! { figure { img src=(data) alt=(caption); figcaption { (caption) } } }
+            }
+            Self::List(pairs) => html! {
+                dl { @for (name, words) in pairs { dt { (name) } dd { (words) } } }
+            },
+            Self::Table { head, rows, note } => html! {
+                div class="table" { table {
+                    thead { tr { @for name in head { th { (name) } } } }
+                    tbody { @for row in rows { tr { @for cell in row {
+                        td class=[(!is_number(cell)).then_some("text")] { (cell) }
+                    } } } }
+                } }
+                p class="note" { (note) }
+            },
+        }
+    }
+}
+
+/// Whether a cell stands to the right, under the digits of its column.
+fn is_number(cell: &str) -> bool {
+    cell.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '-' | '+'))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Whatever a recording or a scene is called, it is text on the page; and the page fetches
+    /// nothing.
+    #[test]
+    fn the_page_is_closed_and_text_stays_text() {
+        let page = Page {
+            title: "a <b> & \"c\"".to_owned(),
+            lead: "</style><script>".to_owned(),
+            sections: vec![Section {
+                title: "one".to_owned(),
+                blocks: vec![
+                    Block::Text("x < y".to_owned()),
+                    Block::Code("eit plan 'a'".to_owned()),
+                    Block::Picture { bytes: b"GIF89a".to_vec(), caption: "\"><img".to_owned() },
+                    Block::Picture { bytes: vec![0x89, b'P'], caption: String::new() },
+                    Block::List(vec![("n".to_owned(), "w".to_owned())]),
+                    Block::Table {
+                        head: vec!["h".to_owned()],
+                        rows: vec![vec!["1.5".to_owned()], vec!["<td>".to_owned()]],
+                        note: String::new(),
+                    },
+                ],
+            }],
+        };
+        let mut bytes = Vec::new();
+        page.write(&mut bytes).unwrap();
+        let text = String::from_utf8(bytes).unwrap();
+        assert!(text.starts_with("<!DOCTYPE html>"), "{text}");
+        assert!(text.contains("data:image/gif;base64,R0lGODlh"), "{text}");
+        assert!(text.contains("data:image/png;base64,iVA="), "{text}");
+        assert!(text.contains("<td>1.5</td>") && text.contains("<td class=\"text\">&lt;td&gt;"));
+        for never in ["<script", "http:", "https:", "<b>", "\"><img", "url("] {
+            assert!(!text.contains(never), "{never} in {text}");
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! Files are written beside their place and renamed, so that nothing half-written is ever seen
+//! and nothing already there is lost. Whether a place is writable is found before computing.
+
+mod stack;
+
+pub use stack::ImageFile;
+
+use crate::error::ReportError;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
+
+/// A file to be: its temporary stands from the start, which proves that the folder is writable.
+pub struct OutFile {
+    path: PathBuf,
+    temporary: NamedTempFile,
+}
+
+impl OutFile {
+    /// Reserves a place.
+    pub fn new(path: &Path) -> Result<Self, ReportError> {
+        if path.is_dir() {
+            let message = "is a folder: --out names a file here";
+            return Err(ReportError::input(format!("{}: {message}", path.display())));
+        }
+        let folder = match path.parent() {
+            Some(p) if !p.as_os_str().is_empty() => p,
+            _ => Path::new("."),
+        };
+        let temporary = temporary_in(folder).map_err(|e| {
+            let message =
+                format!("{}: cannot write in this folder: {}", folder.display(), e.kind());
+            ReportError::input(message)
+        })?;
+        Ok(Self { path: path.to_path_buf(), temporary })
+    }
+
+    /// Writes the content and puts the file in its place.
+    pub fn write(
+        self,
+        content: impl FnOnce(&mut dyn Write) -> Result<(), ReportError>,
+    ) -> Result<(), ReportError> {
+        let Self { path, temporary } = self;
+        let mut writer = BufWriter::new(temporary);
+        content(&mut writer)?;
+        let temporary = writer.into_inner().map_err(|e| ReportError::at(&path, e.error()))?;
+        temporary.persist(&path).map_err(|e| ReportError::at(&path, e.error))?;
+        Ok(())
+    }
+}
+
+/// A folder for results: all files appear together at the end, or none.
+pub struct OutFolder {
+    path: PathBuf,
+    files: Vec<(&'static str, NamedTempFile)>,
+}
+
+impl OutFolder {
+    /// Makes the folder if needed and checks that it can be written to.
+    pub fn new(path: &Path) -> Result<Self, ReportError> {
+        let refused = |e: std::io::Error| {
+            ReportError::input(format!(
+                "{}: cannot write to this folder: {}; choose another with --out",
+                path.display(),
+                e.kind()
+            ))
+        };
+        std::fs::create_dir_all(path).map_err(refused)?;
+        temporary_in(path).map_err(refused)?;
+        Ok(Self { path: path.to_path_buf(), files: Vec::new() })
+    }
+
+    /// Writes one file of the folder, still under a temporary name.
+    pub fn write(
+        &mut self,
+        name: &'static str,
+        content: impl FnOnce(&mut dyn Write) -> Result<(), ReportError>,
+    ) -> Result<(), ReportError> {
+        let mut writer = self.begin(name)?;
+        content(&mut writer)?;
+        self.end(name, writer)
+    }
+
+    /// Begins a file of the folder that grows for a while; [`end`](Self::end) ends it.
+    pub fn begin(&self, name: &'static str) -> Result<BufWriter<NamedTempFile>, ReportError> {
+        let place = self.path.join(name);
+        Ok(BufWriter::new(temporary_in(&self.path).map_err(|e| ReportError::at(&place, e))?))
+    }
+
+    /// Ends a file that [`begin`](Self::begin) has begun, still under a temporary name.
+    pub fn end(
+        &mut self,
+        name: &'static str,
+        writer: BufWriter<NamedTempFile>,
+    ) -> Result<(), ReportError> {
+        let place = self.path.join(name);
+        let temporary = writer.into_inner().map_err(|e| ReportError::at(&place, e.error()))?;
+        self.files.push((name, temporary));
+        Ok(())
+    }
+
+    /// Puts all files in their places and removes results of an earlier run that this one has not
+    /// made again: `own` are the names that the command may write.
+    pub fn commit(self, own: &[&str]) -> Result<(), ReportError> {
+        let names = self.names();
+        for (name, temporary) in self.files {
+            let place = self.path.join(name);
+            temporary.persist(&place).map_err(|e| ReportError::at(&place, e.error))?;
+        }
+        for old in own.iter().filter(|name| !names.contains(name)) {
+            let old = self.path.join(old);
+            match std::fs::remove_file(&old) {
+                Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(ReportError::at(&old, e));
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Names written so far, in order.
+    pub fn names(&self) -> Vec<&'static str> {
+        self.files.iter().map(|f| f.0).collect()
+    }
+}
+
+fn temporary_in(folder: &Path) -> std::io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".eit-");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt as _;
+        // temporary files are private by default; these become the user's ordinary files
+        builder.permissions(std::fs::Permissions::from_mode(0o666));
+    }
+    builder.tempfile_in(folder)
+}
+
+/// Writes any error of a writer as a failure.
+pub fn io(error: std::io::Error) -> ReportError {
+    ReportError::Failure(format!("writing failed: {error}"))
+}
+
+/// Writes an array of real or complex numbers as `.npy`.
+pub fn write_npy<S, D>(
+    array: &ndarray::ArrayBase<S, D>,
+    out: &mut dyn Write,
+) -> Result<(), ReportError>
+where
+    S: ndarray::Data,
+    S::Elem: ndarray_npy::WritableElement,
+    D: ndarray::Dimension,
+{
+    use ndarray_npy::WriteNpyExt as _;
+    array.write_npy(out).map_err(|e| ReportError::Failure(format!("writing failed: {e}")))
+}
+
+/// Writes rows of numbers as comma-separated text, shortest form that reads back exactly.
+pub fn write_csv(
+    rows: ndarray::ArrayView2<'_, f64>,
+    out: &mut dyn Write,
+) -> Result<(), ReportError> {
+    for row in rows.rows() {
+        let line: Vec<String> = row.iter().map(|v| format!("{v:e}")).collect();
+        writeln!(out, "{}", line.join(",")).map_err(io)?;
+    }
+    Ok(())
+}

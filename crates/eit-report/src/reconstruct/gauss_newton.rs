@@ -1,0 +1,189 @@
+//! The Gauss-Newton methods: one-step images, and those that take the whole sequence.
+
+use super::{Made, Task, kind_words};
+use crate::error::ReportError;
+use eit_skin::method::Method;
+use eit_picture::{Canvas, Plot, Series, draw_plot};
+use eit_skin::pipeline::imaging::{prior, settings};
+use eit_skin::pipeline::{self, Imaging, sequence};
+use eit_skin::Progress;
+use eit_skin::scene::DifferenceKind;
+use eit_inverse::{CurvePoint, Differences, HyperparameterStatus, MovieReport};
+use ndarray::Array3;
+use serde_json::{Value, json};
+
+/// Chooses the hyperparameter for one-step images, then takes the wanted method with it.
+pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, ReportError> {
+    let Task { scene, setup, linearised, frames, .. } = *task;
+    let left = match task.before {
+        Some((_, freed)) => freed.imaging(setup, progress)?,
+        None => None,
+    };
+    let imaging = match left {
+        Some(imaging) => imaging,
+        None => pipeline::imaging(scene, setup, linearised, frames, progress)?,
+    };
+    let (images, movie) = images(task, &imaging, progress)?;
+    let mut report = imaging_json(&imaging);
+    match &movie {
+        Some(movie) => {
+            report["status"] = json!(super::movie_status_words(movie.status));
+            report["iterations"] = json!(movie.iterations);
+            report["seconds"] = json!(movie.seconds);
+            report["residual"] = json!(movie.residual);
+            let used = imaging.difference.report().measurements_used as f64;
+            let is_known = scene.noise.additive_v.is_some() || scene.noise.white;
+            report["residual_wanted"] = json!(is_known.then(|| used.sqrt()));
+        }
+        None => {
+            report["status"] = json!("direct");
+            report["relative_residual"] = json!(imaging.residuals(frames)?);
+        }
+    }
+    let inverse = imaging.difference.report();
+    let mut lines = vec![format!(
+        "hyperparameter {:.3e}, {} ({}), {:.1} degrees of freedom",
+        inverse.hyperparameter,
+        imaging.rule,
+        status_words(imaging.chosen.status),
+        inverse.degrees_of_freedom
+    )];
+    if let Some(movie) = movie.as_ref().filter(|movie| movie.iterations > 0) {
+        lines.push(format!(
+            "{} after {} steps, {:.2} s",
+            super::movie_status_words(movie.status),
+            movie.iterations,
+            movie.seconds
+        ));
+    }
+    let footnote = footnote(task.method, task.kind(), &imaging);
+    let (curve, notes) = (curve_picture(&imaging)?, edge_note(&imaging).into_iter().collect());
+    Ok(Made { images, raster: imaging.raster, footnote, curve, report, lines, notes })
+}
+
+/// Images [frame, row, column] and, for a method of sequences, its report.
+fn images(
+    task: &Task<'_>,
+    imaging: &Imaging,
+    progress: &mut Progress,
+) -> Result<(Array3<f64>, Option<MovieReport>), ReportError> {
+    let Task { scene, setup, linearised, frames, .. } = *task;
+    if task.method == Method::GaussNewton {
+        return Ok((imaging.images(frames, progress)?.into_parts().0, None));
+    }
+    pipeline::check_images(frames.values.nrows(), &imaging.raster)?;
+    let prior = prior(scene, setup)?;
+    let mut settings = settings(scene, setup, linearised, &frames.used)?;
+    settings.hyperparameter = imaging.difference.report().hyperparameter;
+    if scene.noise.additive_v.is_some() || scene.noise.white {
+        // with gain and reference, so that residuals are in units of the noise; images depend on
+        // ratios alone
+        let known = pipeline::noise::known(scene, frames, (&settings.data, task.fit.gain))?;
+        settings.noise_std = known.map(|noise| noise.std);
+    }
+    let built = progress.stage("set-up of the method", || {
+        sequence::method(task.method, scene, (setup, linearised), prior.as_ref(), settings)
+    })?;
+    let Some(mut method) = built else {
+        return Err(ReportError::Failure(format!("{} works on pixels", task.method.name())));
+    };
+    let values = frames.differences(imaging.kind);
+    let differences = Differences { values: values.view(), good: Some(frames.good.view()) };
+    let movie = progress.stage("images", || method.reconstruct(&differences))?;
+    let pixels = sequence::pixels_of(movie.images.view(), &imaging.raster)?;
+    Ok((imaging.raster.images_from_pixels(pixels.view())?, Some(movie.report)))
+}
+
+/// Small print of pictures.
+pub fn footnote(
+    method: Method,
+    kind: DifferenceKind,
+    imaging: &Imaging,
+) -> String {
+    let report = imaging.difference.report();
+    format!(
+        "{}, {} prior, hyperparameter {:.3e} ({}), {} difference",
+        method.words(),
+        report.prior,
+        report.hyperparameter,
+        imaging.rule,
+        kind_words(kind)
+    )
+}
+
+fn imaging_json(imaging: &Imaging) -> Value {
+    let inverse = imaging.difference.report();
+    json!({
+        "prior": inverse.prior,
+        "hyperparameter": inverse.hyperparameter,
+        "hyperparameter_rule": imaging.rule,
+        "hyperparameter_status": status_words(imaging.chosen.status),
+        "criterion": imaging.chosen.criterion,
+        "degrees_of_freedom": inverse.degrees_of_freedom,
+        "rank": inverse.rank,
+    })
+}
+
+/// Says where a rule found nothing.
+fn edge_note(imaging: &Imaging) -> Option<String> {
+    let status = imaging.chosen.status;
+    let edge =
+        matches!(status, HyperparameterStatus::AtLowerEdge | HyperparameterStatus::AtUpperEdge);
+    edge.then(|| {
+        format!(
+            "{} found no optimum inside its range ({}): images may be useless; take \
+             [reconstruction] hyperparameter = \"noise-figure\" or a number",
+            imaging.rule,
+            status_words(status)
+        )
+    })
+}
+
+/// How the choice of the hyperparameter ended.
+fn status_words(status: HyperparameterStatus) -> &'static str {
+    match status {
+        HyperparameterStatus::Given => "given",
+        HyperparameterStatus::NoiseFigureReached => "reached",
+        HyperparameterStatus::NoiseFigureUnreachable => "not reachable, the nearest is used",
+        HyperparameterStatus::Interior => "an extremum inside the range",
+        HyperparameterStatus::AtLowerEdge => "at the lower edge: no noise found in the data",
+        HyperparameterStatus::AtUpperEdge => "at the upper edge: no signal found in the data",
+        _ => "see the documentation of this version",
+    }
+}
+
+/// The curve that chose the hyperparameter, with the choice marked.
+fn curve_picture(imaging: &Imaging) -> Result<Option<Canvas>, ReportError> {
+    let chosen = &imaging.chosen;
+    let l_curve = imaging.rule == "L-curve";
+    let at = |p: &CurvePoint| match l_curve {
+        true => [p.residual_norm, p.solution_norm],
+        false => [p.hyperparameter, p.criterion],
+    };
+    let nearest = chosen.curve.iter().min_by(|a, b| {
+        let distance = |p: &CurvePoint| (p.hyperparameter / chosen.hyperparameter).ln().abs();
+        distance(a).total_cmp(&distance(b))
+    });
+    let Some(nearest) = nearest else { return Ok(None) };
+    let curve = chosen.curve.iter().map(at).collect();
+    let mark = if l_curve { at(nearest) } else { [chosen.hyperparameter, chosen.criterion] };
+    let [x_label, y_label] = match l_curve {
+        true => ["weighted residual |Δv - J Δσ|", "image size |Δσ| by the prior"],
+        false if imaging.rule.starts_with("noise") => ["hyperparameter λ", "noise figure"],
+        false => ["hyperparameter λ", "cross-validation function"],
+    };
+    let plot = Plot {
+        title: format!("Hyperparameter: {}", imaging.rule),
+        footnote: format!("λ = {:.3e}: {}", chosen.hyperparameter, status_words(chosen.status)),
+        x_label: x_label.to_owned(),
+        y_label: y_label.to_owned(),
+        x_log: true,
+        y_log: true,
+        series: vec![
+            Series { name: String::new(), points: curve, line: true, markers: false },
+            Series { name: "chosen".to_owned(), points: vec![mark], line: false, markers: true },
+        ],
+        zoom: 2,
+    };
+    Ok(Some(draw_plot(&plot)?))
+}

@@ -1,0 +1,73 @@
+//! `touches.csv` and what `report.json` says of it.
+
+use crate::error::ReportError;
+use crate::output::io;
+use eit_skin::pipeline::touches::Touches;
+use eit_inverse::touch::{Touch, TouchState};
+use serde_json::{Value, json};
+use std::io::Write;
+
+/// Columns of `touches.csv`.
+pub const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,area_m2,intensity,confidence,std_x,std_y,\
+                      vx,vy,valid";
+
+/// One row for each touch of each frame.
+pub fn write_csv(
+    rows: &[(usize, f64, Touch)],
+    out: &mut dyn Write,
+) -> Result<(), ReportError> {
+    writeln!(out, "{HEADER}").map_err(io)?;
+    rows.iter().try_for_each(|(frame, time_s, touch)| write_row(*frame as u64, *time_s, touch, out))
+}
+
+/// One row of it.
+pub fn write_row(
+    frame: u64,
+    time_s: f64,
+    touch: &Touch,
+    out: &mut dyn Write,
+) -> Result<(), ReportError> {
+    let state = match touch.state {
+        TouchState::Begin => "begin",
+        TouchState::Hold => "hold",
+        TouchState::End => "end",
+    };
+    let ([x, y, z], [vx, vy, _]) = (touch.position_m, touch.velocity_m_s);
+    let [std_x, std_y, _] = touch.position_std_m();
+    writeln!(
+        out,
+        "{frame},{time_s:.6},{},{state},{x:.6},{y:.6},{z:.6},{:.6e},{:.6e},{:.4},{std_x:.3e},\
+         {std_y:.3e},{vx:.4},{vy:.4},{}",
+        touch.id, touch.area_m2, touch.intensity_s_m2, touch.confidence, touch.valid
+    )
+    .map_err(io)
+}
+
+/// Part of `report.json`; `null` where the noise is unknown.
+pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
+    touches.map_or(Value::Null, |touches| {
+        json!({
+            "count": touches.count(),
+            "most_at_once": touches.most(),
+            "rows": touches.rows.len(),
+            "threshold_in_noise": touches.threshold,
+            "effective_cells": touches.effective_cells,
+            "false_alarms_per_hour": touches.false_alarms_per_hour,
+            "frame_rate_hz": touches.rate_hz,
+            "noise": touches.noise_source,
+        })
+    })
+}
+
+/// A line of the text.
+pub(super) fn line(touches: Option<&Touches>) -> String {
+    match touches {
+        None => "no touches are looked for: the noise is unknown ([noise])".to_owned(),
+        Some(touches) => format!(
+            "{} touches, at most {} at once; at most {} false ones an hour",
+            touches.count(),
+            touches.most(),
+            touches.false_alarms_per_hour
+        ),
+    }
+}

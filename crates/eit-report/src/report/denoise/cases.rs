@@ -1,0 +1,203 @@
+//! Sequences that no net was trained on, with their truth, and frames like none it has seen.
+
+use super::QUIET;
+use eit_skin::denoise::Chain;
+use crate::error::ReportError;
+use eit_skin::pipeline::{self, Setup};
+use eit_skin::Progress;
+use eit_fem::fabric::{
+    Fabric, FabricSettings, Finger, Interpolation, Key, PlayCircle, Simulation, SimulationSettings,
+    Tip, TouchScript,
+};
+use eit_mesh::Raster;
+use ndarray::{Array2, Array3};
+use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
+use rand_pcg::Pcg64Mcg;
+use std::f64::consts::TAU;
+
+/// Nodes of the simulating mesh: another than those of a training (4 000) and of images (2 000).
+pub(super) const NODES: usize = 7000;
+/// Frames a second.
+const RATE_HZ: f64 = 10.0;
+
+/// A recording to be denoised.
+pub(super) struct Sequence {
+    pub name: &'static str,
+    /// [frame, measurement], volt.
+    pub values: Array2<f64>,
+    /// True change of conductivity [frame, row, column]; `None` where only invention counts.
+    pub truth: Option<Array3<f64>>,
+    /// Place in metres and force in newton of each finger, `[frame]`.
+    pub touches: Vec<Vec<([f64; 2], f64)>>,
+}
+
+/// A built-in script on a fabric.
+struct Scripted {
+    name: &'static str,
+    script: &'static str,
+    seed: u64,
+    /// Frames at most, and with `--quick`.
+    frames: [usize; 2],
+    fabric: fn(&mut FabricSettings),
+}
+
+const fn scripted(name: &'static str, script: &'static str, seed: u64, most: usize) -> Scripted {
+    Scripted { name, script, seed, frames: [most, 45], fabric: |_| () }
+}
+
+const SCRIPTED: [Scripted; 8] = [
+    scripted("one finger (paper)", "paper-one-finger", 101, 397),
+    scripted("two fingers (paper)", "paper-two-fingers", 102, 252),
+    scripted("tapping", "tapping", 103, 150),
+    scripted("stroking", "stroking", 104, 150),
+    scripted("three at random", "random", 105, 300),
+    scripted("two close in", "closing-in", 106, 200),
+    Scripted {
+        fabric: |fabric| {
+            fabric.rim.compliance = 0.95;
+            fabric.rim.contact_gain = 4.0;
+        },
+        ..scripted("one finger, electrodes move more", "paper-one-finger", 107, 200)
+    },
+    Scripted {
+        fabric: |fabric| {
+            fabric.rim.compliance = 0.0;
+            fabric.rim.contact_gain = 0.0;
+        },
+        ..scripted("one finger, rigid rim", "paper-one-finger", 108, 200)
+    },
+];
+
+/// All cases of the report.
+pub(super) fn sequences(
+    chain: &Chain,
+    quick: bool,
+    progress: &mut Progress,
+) -> Result<Vec<Sequence>, ReportError> {
+    let setup = pipeline::setup(&chain.scene, None, Some(NODES), progress)?;
+    let raster = Raster::new(setup.mesh.surface(), chain.raster.pixels())?;
+    let data = Data { setup, raster };
+    let circle = PlayCircle::of(&data.setup.mesh);
+    progress.steps("simulate", SCRIPTED.len() + 4, |bar| {
+        let mut made = Vec::new();
+        for case in &SCRIPTED {
+            let mut script = TouchScript::built_in(case.script, &circle, case.seed)?;
+            script.frames = script.frames.min(case.frames[usize::from(quick)]);
+            let mut settings = FabricSettings::default();
+            (case.fabric)(&mut settings);
+            let simulated = simulate(chain, &data, &script, (&settings, case.seed))?;
+            made.push(Sequence { name: case.name, ..of(simulated, script.frames, true) });
+            bar.inc();
+        }
+        let count = if quick { 30 } else { 150 };
+        let quiet = silence(count);
+        let settings = FabricSettings::default();
+        let simulated = simulate(chain, &data, &quiet, (&settings, 201))?;
+        made.push(Sequence { name: "quiet skin", ..of(simulated, count, false) });
+        bar.inc();
+        let mut loose = FabricSettings::default();
+        loose.instrument.loose = vec![6];
+        loose.instrument.loose_rate_hz = 2.0;
+        loose.instrument.loose_time_s = 0.5;
+        loose.instrument.open_factor = 3.0;
+        let simulated = simulate(chain, &data, &quiet, (&loose, 202))?;
+        made.push(Sequence { name: "loose electrode", ..of(simulated, count, false) });
+        bar.inc();
+        let script = palm(&circle, count);
+        let simulated = simulate(chain, &data, &script, (&settings, 203))?;
+        made.push(Sequence { name: "palm", ..of(simulated, count, false) });
+        bar.inc();
+        made.push(cuts(chain, &data.setup, count)?);
+        bar.inc();
+        Ok(made)
+    })
+}
+
+/// What simulates, and the pixels of its truth.
+struct Data {
+    setup: Setup,
+    raster: Raster,
+}
+
+fn simulate(
+    chain: &Chain,
+    data: &Data,
+    script: &TouchScript,
+    (settings, seed): (&FabricSettings, u64),
+) -> Result<Simulation, ReportError> {
+    let (scene, Setup { mesh, protocol, .. }) = (&chain.scene, &data.setup);
+    let impedance = scene.contact_impedance(mesh.electrodes().len())?;
+    let sheet_s = scene.skin.conductivity_s;
+    let fabric = Fabric::new(mesh, protocol, sheet_s, &impedance, settings)?;
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let how = SimulationSettings { seed, threads, keep_elements: false };
+    Ok(fabric.simulate(script, &data.raster, &how, &mut |_| {})?)
+}
+
+fn of(made: Simulation, frames: usize, with_truth: bool) -> Sequence {
+    let mut touches = vec![Vec::new(); frames];
+    for touch in &made.truth.touches {
+        touches[touch.frame].push((touch.position_m, touch.force_n));
+    }
+    let truth = with_truth.then_some(made.truth.conductivity_change_s);
+    Sequence { name: "", values: made.frames_v, truth, touches }
+}
+
+/// No finger at all.
+fn silence(frames: usize) -> TouchScript {
+    TouchScript {
+        name: "silence".to_owned(),
+        frame_rate_hz: RATE_HZ,
+        frames,
+        quiet_frames: QUIET,
+        fingers: Vec::new(),
+    }
+}
+
+/// Something three times as large as a fingertip that presses at places of its own.
+fn palm(circle: &PlayCircle, frames: usize) -> TouchScript {
+    let mut random = Pcg64Mcg::new(301);
+    let mut uniform = || -> f64 { StandardUniform.sample(&mut random) };
+    let mut keys = Vec::new();
+    let mut now_s = QUIET as f64 / RATE_HZ;
+    while now_s < frames as f64 / RATE_HZ {
+        let (r, angle) = (0.5 * circle.radius_m * uniform().sqrt(), TAU * uniform());
+        let position_m =
+            [circle.centre_m[0] + r * angle.cos(), circle.centre_m[1] + r * angle.sin()];
+        for (after_s, force_n) in [(0.0, 0.0), (0.3, 4.0), (0.7, 4.0), (0.9, 0.0)] {
+            keys.push(Key { time_s: now_s + after_s, position_m, force_n, radius_m: 0.03 });
+        }
+        now_s += 1.0;
+    }
+    let finger = Finger { id: 1, tip: Tip::Round, interpolation: Interpolation::Linear, keys };
+    TouchScript { name: "palm".to_owned(), fingers: vec![finger], ..silence(frames) }
+}
+
+/// Discs in which the conductivity falls by four fifths, at a place of its own in each frame.
+fn cuts(chain: &Chain, data: &Setup, frames: usize) -> Result<Sequence, ReportError> {
+    const RADIUS_M: f64 = 0.012;
+    let sheet_s = chain.scene.skin.conductivity_s;
+    let circle = PlayCircle::of(&data.mesh);
+    let noise_v = FabricSettings::default().instrument.noise_v[1];
+    let mut random = Pcg64Mcg::new(302);
+    let mut values = Array2::zeros((frames, data.protocol.measurements()));
+    for (frame, mut row) in values.rows_mut().into_iter().enumerate() {
+        let mut uniform = || -> f64 { StandardUniform.sample(&mut random) };
+        let (r, angle) = (0.7 * circle.radius_m * uniform().sqrt(), TAU * uniform());
+        let place = [circle.centre_m[0] + r * angle.cos(), circle.centre_m[1] + r * angle.sin()];
+        let centroids = data.mesh.surface().centroids();
+        let sigma: Vec<f64> = centroids
+            .iter()
+            .map(|c| {
+                let inside = (c[0] - place[0]).hypot(c[1] - place[1]) < RADIUS_M;
+                if inside && frame >= QUIET { 0.2 * sheet_s } else { sheet_s }
+            })
+            .collect();
+        let exact = data.model.forward(&sigma)?;
+        for (value, exact) in row.iter_mut().zip(exact) {
+            let normal: f64 = StandardNormal.sample(&mut random);
+            *value = exact + noise_v * normal;
+        }
+    }
+    Ok(Sequence { name: "cut", values, truth: None, touches: vec![Vec::new(); frames] })
+}

@@ -1,0 +1,65 @@
+//! Error of each frame before and after, and images, in the manner of the paper's figures 10 to 15.
+
+use super::judge::errors;
+use super::{QUIET, Shown};
+use eit_skin::denoise::Chain;
+use eit_picture::draw;
+use crate::error::ReportError;
+use crate::output::OutFolder;
+use eit_picture::{FrameLabels, PictureSettings, Plot, Series, draw_plot, draw_sheet};
+use ndarray::Axis;
+
+/// The paper's two experiments are the first two sequences.
+const FILES: [&str; 2] = ["mse_one_finger.png", "mse_two_fingers.png"];
+/// Frames of each sequence in the picture of images.
+const FRAMES: usize = 4;
+/// Ways in it: raw and the first net. With the truth that is three, and a row holds six.
+const WAYS: [usize; 2] = [0, 2];
+
+/// Draws and writes.
+pub(super) fn draw(shown: &[Shown], chain: &Chain, out: &mut OutFolder) -> Result<(), ReportError> {
+    let (mut labels, mut images) = (Vec::new(), Vec::new());
+    for (case, file) in shown.iter().zip(FILES) {
+        let Some(truth) = &case.sequence.truth else { continue };
+        let curves = case.ways.iter().map(|way| {
+            let errors = errors(way.images.view(), truth.view());
+            // frames without a touch are orders of magnitude below: their curves would be flat
+            let least = 1e-4 * errors.iter().copied().fold(0.0, f64::max);
+            let points = errors.iter().enumerate().map(|(f, e)| [(f + QUIET) as f64, *e]);
+            let points = points.filter(|p| p[1] > least).collect();
+            Series { name: way.name.clone(), points, line: true, markers: false }
+        });
+        let picture = draw_plot(&Plot {
+            title: format!("Mean squared error of each frame: {}", case.sequence.name),
+            footnote: "against the true change of conductivity; simulated, not trained on"
+                .to_owned(),
+            x_label: "frame".to_owned(),
+            y_label: "mean squared error (S²)".to_owned(),
+            x_log: false,
+            y_log: true,
+            series: curves.collect(),
+            zoom: 2,
+        })?;
+        out.write(file, |w| Ok(picture.write_png(w)?))?;
+        let count = case.sequence.touches.len();
+        for k in 0..FRAMES {
+            let frame = QUIET + 5 + k * (count - QUIET - 10) / FRAMES;
+            labels.push(format!("frame {frame}: truth"));
+            images.push(truth.index_axis(Axis(0), frame));
+            for way in WAYS.iter().filter_map(|k| case.ways.get(*k)) {
+                labels.push(way.name.clone());
+                images.push(way.images.index_axis(Axis(0), frame));
+            }
+        }
+    }
+    let stacked = ndarray::stack(Axis(0), &images).map_err(|e| ReportError::Failure(e.to_string()))?;
+    let skin = draw::skin(&chain.setup.mesh, &chain.raster);
+    let settings = PictureSettings {
+        title: "Truth, raw image, and what the U-net makes of it".to_owned(),
+        footnote: format!("{}; held-out scripts of the simulated fabric", chain.method.words()),
+        labels: FrameLabels::Text(labels),
+        ..Default::default()
+    };
+    let sheet = draw_sheet(stacked.view(), &skin, &settings)?;
+    out.write("denoised.png", |w| Ok(sheet.write_png(w)?))
+}

@@ -1,0 +1,76 @@
+//! A recording of the simulated fabric: electrodes move with the fingers, gains differ, the skin
+//! drifts. The paper's experiments; what nets are trained for.
+
+use super::super::bench::Bench;
+use super::{Recording, Size};
+use crate::error::ReportError;
+use eit_skin::frames::Frames;
+use eit_skin::pipeline;
+use eit_skin::Progress;
+use crate::simulate::Simulated;
+use eit_fem::fabric::{Fabric, FabricSettings, PlayCircle, SimulationSettings, TouchScript};
+use eit_mesh::Raster;
+use ndarray::{Array2, Axis, Slice};
+
+/// Scripts, what they are called here, and seeds that no training has.
+pub(super) const SCRIPTS: [(&str, &str, u64); 2] =
+    [("one finger", "paper-one-finger", 501), ("two fingers", "paper-two-fingers", 502)];
+
+/// Nodes of the mesh that simulates.
+const NODES: usize = 7000;
+/// Frames after the quiet ones until the first finger presses with its full force.
+const ARRIVAL: usize = 10;
+
+/// Frames of a script from when the fingers press; the quiet ones before are the reference.
+pub(super) fn recording(
+    judge: &Bench,
+    (shape, script, seed): (&'static str, &str, u64),
+    size: &Size,
+    progress: &mut Progress,
+) -> Result<Recording, ReportError> {
+    let scene = &judge.scene;
+    let setup = pipeline::setup(scene, None, Some(NODES), progress)?;
+    let raster = Raster::new(setup.mesh.surface(), judge.raster.pixels())?;
+    let mut script = TouchScript::built_in(script, &PlayCircle::of(&setup.mesh), seed)?;
+    let quiet = script.quiet_frames;
+    let first = quiet + ARRIVAL;
+    script.frames = script.frames.min(first + size.frames);
+    let impedance = scene.contact_impedance(setup.mesh.electrodes().len())?;
+    let sheet_s = scene.skin.conductivity_s;
+    let settings = FabricSettings::default();
+    let fabric = Fabric::new(&setup.mesh, &setup.protocol, sheet_s, &impedance, &settings)?;
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let how = SimulationSettings { seed, threads, keep_elements: false };
+    let made = progress.steps("simulate", script.frames, |bar| {
+        fabric.simulate(&script, &raster, &how, &mut |done| bar.set_position(done))
+    })?;
+    let touched = Slice::from(first..);
+    let values = made.frames_v.slice_axis(Axis(0), touched).to_owned();
+    let silent = made.frames_v.slice_axis(Axis(0), Slice::from(..quiet));
+    let reference = silent.mean_axis(Axis(0)).unwrap_or_else(|| made.reference_v.clone());
+    let change = made.truth.conductivity_change_s.slice_axis(Axis(0), touched);
+    let mut positions_m = vec![Vec::new(); values.nrows()];
+    for touch in made.truth.touches.iter().filter(|touch| touch.frame >= first) {
+        positions_m[touch.frame - first].push(touch.position_m);
+    }
+    let noise = &made.truth.noise_std_v;
+    let noise_std_v = (noise.dot(noise) / noise.len() as f64).sqrt();
+    let frames = Frames {
+        good: Array2::from_elem(values.raw_dim(), true),
+        used: vec![true; reference.len()],
+        values,
+        reference: reference.to_vec(),
+        reference_source: "the quiet frames".to_owned(),
+        reference_frames: quiet,
+        quiet: None,
+        rate_hz: Some(script.frame_rate_hz),
+        reciprocity_error: None,
+        notes: Vec::new(),
+    };
+    // the masks of the two meshes may differ by a pixel of the rim
+    let truth = change.mapv(|value| if value.is_finite() { value } else { 0.0 });
+    let nodes = setup.mesh.surface().nodes().len();
+    let pixels = judge.pixels_of(truth.view())?;
+    let simulated = Simulated { frames, truth, positions_m, noise_std_v, nodes };
+    Ok(Recording { shape, simulated, truth: pixels })
+}

@@ -1,0 +1,78 @@
+//! The time that cannot be left out: work of each solver at this machine's best rates.
+//!
+//! The larger of operations over the rate of a dense product and bytes over the rate of a plain
+//! read ([`Machine`]); what lies above it is overhead, latency and waiting.
+
+use super::super::bench::Bench;
+use eit_skin::plan::machine::Machine;
+use eit_denoise::UnetShape;
+
+/// Arrays of the movie that an iteration of total variation reads or writes (image, dual variables
+/// and their extrapolation; docs/PERFORMANCE.md).
+const TV_ARRAYS: f64 = 9.0;
+
+/// Floors on a machine.
+pub(super) struct Floors {
+    pub machine: Machine,
+}
+
+/// Independent measurements at most: reciprocity leaves so many.
+fn rank(bench: &Bench) -> f64 {
+    let electrodes = bench.setup.protocol.electrodes() as f64;
+    let products = bench.setup.model.cost().field_products as f64;
+    let measurements = bench.setup.protocol.measurements() as f64;
+    measurements.min(products).min(0.5 * electrodes * (electrodes - 1.0))
+}
+
+impl Floors {
+    /// Factorisation and Jacobian, seconds.
+    pub fn forward(&self, cost: &eit_fem::ModelCost, sizes: [usize; 2]) -> f64 {
+        let [measurements, elements] = sizes.map(|n| n as f64);
+        let entries = cost.factor_entries as f64;
+        let sweep = 2.0 * entries * cost.field_solves as f64;
+        let bytes = 8.0 * (entries + measurements * elements);
+        self.machine.floor_s(cost.factor_flops + sweep + cost.product_flops, bytes)
+    }
+
+    /// Factorisation and voltages alone, seconds.
+    pub fn voltages(&self, cost: &eit_fem::ModelCost) -> f64 {
+        self.machine.floor_s(cost.factor_flops, 8.0 * cost.factor_entries as f64)
+    }
+
+    /// One image by two thin factors of the reconstruction matrix, of this rank.
+    pub fn one_step(&self, bench: &Bench, rank: usize) -> f64 {
+        let pixels = bench.raster.masked_pixels().len() as f64;
+        let entries = rank as f64 * (bench.setup.protocol.measurements() as f64 + pixels);
+        self.machine.floor_s(2.0 * entries, 8.0 * entries)
+    }
+
+    /// The same on elements, so many frames at once, a frame.
+    pub fn on_elements(&self, bench: &Bench, (rank, frames): (usize, usize)) -> f64 {
+        let elements = bench.setup.model.elements() as f64;
+        let entries = rank as f64 * (bench.setup.protocol.measurements() as f64 + elements);
+        self.machine.floor_s(2.0 * entries, 8.0 * entries / frames as f64)
+    }
+
+    /// Steps of the absolute method: model, Jacobian, and its normal equations.
+    pub fn absolute(&self, bench: &Bench, steps: f64) -> f64 {
+        let (m, n) = (bench.setup.protocol.measurements(), bench.setup.model.elements());
+        let solve = self.forward(&bench.setup.model.cost(), [m, n]);
+        let [m, n] = [m, n].map(|count| count as f64);
+        steps * (solve + self.machine.floor_s(m * m * n + m * m * m / 3.0, 8.0 * m * n))
+    }
+
+    /// Iterations of total variation on so many frames at once, in single precision.
+    pub fn total_variation(&self, bench: &Bench, frames: usize, iterations: f64) -> f64 {
+        let (rank, pixels) = (rank(bench), bench.raster.masked_pixels().len() as f64);
+        let values = pixels * frames as f64;
+        let bytes = 4.0 * (rank * pixels + TV_ARRAYS * values);
+        iterations * self.machine.single_floor_s(4.0 * rank * values, bytes)
+    }
+
+    /// One image through a net.
+    pub fn net(&self, shape: UnetShape, bench: &Bench) -> f64 {
+        let side = bench.raster.pixels();
+        let flops = 2.0 * shape.multiply_adds(side, side);
+        self.machine.single_floor_s(flops, 4.0 * shape.parameters() as f64)
+    }
+}

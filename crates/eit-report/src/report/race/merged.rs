@@ -1,0 +1,102 @@
+//! Both recordings of a scene (soft and hard fingers; one finger and two on the fabric) together:
+//! what tables, plots and choices are made of.
+
+use super::case::Case;
+use super::point::{Course, Point};
+use crate::reconstruct::movie_status_words;
+use eit_skin::plan::machine::Machine;
+use eit_skin::plan::measured::Measured;
+use eit_inverse::MovieStatus;
+
+/// Rows of a scene whose recordings gave these courses, one list for each; and what one recording
+/// has and another lacks.
+pub(super) fn rows(
+    (case, frames): (&Case, usize),
+    recordings: &[Vec<Course>],
+    machine: &Machine,
+) -> (Vec<Measured>, Vec<String>) {
+    let (mut rows, mut missing) = (Vec::new(), Vec::new());
+    let Some((first, others)) = recordings.split_first() else { return (rows, missing) };
+    for course in first {
+        let mut all = vec![course];
+        all.extend(
+            others
+                .iter()
+                .filter_map(|courses| courses.iter().find(|other| other.solver == course.solver)),
+        );
+        for point in &course.points {
+            let points: Vec<&Point> = all
+                .iter()
+                .filter_map(|c| c.points.iter().find(|p| p.target_gap == point.target_gap))
+                .collect();
+            if points.len() == recordings.len() {
+                rows.push(row((case, frames), &all, &points, machine));
+            } else {
+                missing.push(format!("{}, gap {:?}", course.solver.label(), point.target_gap));
+            }
+        }
+    }
+    (rows, missing)
+}
+
+/// The same setting on each recording; not empty. Times are those of the slower one.
+fn row(
+    (case, frames): (&Case, usize),
+    courses: &[&Course],
+    points: &[&Point],
+    machine: &Machine,
+) -> Measured {
+    let count = points.len() as f64;
+    let mean = |of: &dyn Fn(&Point) -> f64| points.iter().map(|p| of(p)).sum::<f64>() / count;
+    let most = |of: &dyn Fn(&Course) -> f64| courses.iter().map(|c| of(c)).fold(0.0, f64::max);
+    let slowest = points
+        .iter()
+        .fold(points[0], |slow, p| if p.time.median_s > slow.time.median_s { p } else { slow });
+    // five digits are more than a time or an error has
+    let short = |value: f64| format!("{value:.4e}").parse().unwrap_or(value);
+    let finite = |value: f64| value.is_finite().then_some(short(value));
+    let errors: Vec<f64> = points.iter().map(|p| p.scores.relative_error).collect();
+    let (solver, time) = (&courses[0].solver, slowest.time);
+    let choice_s = most(&|c| c.choice_s);
+    let cost_s = match solver.is_live {
+        true => time.most_of_s,
+        false => time.median_s + choice_s / frames as f64,
+    };
+    Measured {
+        scene: case.name.to_owned(),
+        solver: solver.name.clone(),
+        rule: solver.rule.to_owned(),
+        pixels: solver.pixels,
+        target_gap: points[0].target_gap,
+        live: solver.is_live,
+        peer: solver.is_peer,
+        relative_error: short((errors.iter().map(|e| e * e).sum::<f64>() / count).sqrt()),
+        relative_error_first: short(errors[0]),
+        relative_error_second: errors.get(1).copied().map(short),
+        position_error_mm: finite(1e3 * mean(&|p| p.scores.position_error_m)),
+        found: short(mean(&|p| p.scores.found)),
+        extra_blobs: short(mean(&|p| p.scores.extra)),
+        cost_ms_a_frame: short(1e3 * cost_s),
+        ms_a_frame_least: short(1e3 * time.least_s),
+        ms_a_frame: short(1e3 * time.median_s),
+        ms_a_frame_95: short(1e3 * time.most_of_s),
+        ms_a_frame_most: short(1e3 * time.most_s),
+        times: time.count,
+        floor_ms_a_frame: finite(1e3 * slowest.floor_s),
+        proven_gap: points.iter().filter_map(|p| p.gap).reduce(f64::max).map(short),
+        iterations: mean(&|p| p.iterations as f64),
+        status: status(points).to_owned(),
+        frames,
+        set_up_s: short(most(&|c| c.set_up_s)),
+        choice_s: short(choice_s),
+        choice: courses.iter().map(|c| c.choice.as_str()).collect::<Vec<_>>().join(" | "),
+        machine_gflops: short(1e-9 * machine.double_flops_per_s),
+    }
+}
+
+/// What did not converge on one recording has not converged.
+fn status(points: &[&Point]) -> &'static str {
+    let done = |p: &&&Point| matches!(p.status, MovieStatus::Direct | MovieStatus::Converged);
+    let worst = points.iter().find(|p| !done(p)).unwrap_or(&points[0]);
+    movie_status_words(worst.status)
+}

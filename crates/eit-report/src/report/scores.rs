@@ -1,0 +1,163 @@
+//! How near a movie is to the truth.
+
+use super::bench::Bench;
+use crate::error::ReportError;
+use eit_inverse::metrics::{
+    ChangeSign, GreitTarget, TouchSettings, correlation_coefficient, greit_figures, relative_error,
+    structural_similarity, touch_position_errors_m,
+};
+use ndarray::{Array2, ArrayView2};
+use serde_json::{Value, json};
+
+/// A blob farther than this from a finger is not that finger: two and a half standard deviations of
+/// its bell.
+const WITHIN_M: f64 = 0.03;
+
+/// The truth of a simulated movie.
+pub(super) struct Truth<'a> {
+    /// Siemens, [frame, masked pixel].
+    pub pixels: &'a Array2<f64>,
+    /// Places of the fingers, metres, `[frame][finger]`.
+    pub positions_m: &'a [Vec<[f64; 2]>],
+}
+
+/// Figures of merit of a movie.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scores {
+    /// Of the whole movie; 0 for the truth, 1 for an empty one.
+    pub relative_error: f64,
+    /// Mean over frames.
+    pub correlation: f64,
+    /// Structural similarity, mean over frames, relative to the range of the truth's movie.
+    pub similarity: f64,
+    /// Mean distance of the found fingers, metres; NaN where none is found.
+    pub position_error_m: f64,
+    /// Part of the fingers that are found, 0 to 1.
+    pub found: f64,
+    /// Blobs a frame that are no finger.
+    pub extra: f64,
+    /// Means over frames for a single finger.
+    pub greit: Option<Greit>,
+}
+
+/// GREIT figures, means over frames.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Greit {
+    pub amplitude_response: f64,
+    /// Mean amount, metres.
+    pub position_error_m: f64,
+    pub resolution: f64,
+    pub shape_deformation: f64,
+    pub ringing: f64,
+}
+
+impl Scores {
+    /// Compares a movie [frame, masked pixel] with the first frames of the truth.
+    pub fn new(
+        bench: &Bench,
+        movie: ArrayView2<'_, f64>,
+        truth: &Truth<'_>,
+    ) -> Result<Self, ReportError> {
+        let count = movie.nrows();
+        let areas = bench.cells.areas_m2();
+        let shown: Vec<f64> = movie.iter().copied().collect();
+        let wanted: Vec<f64> =
+            truth.pixels.rows().into_iter().take(count).flatten().copied().collect();
+        let all_areas: Vec<f64> = areas.iter().copied().cycle().take(shown.len()).collect();
+        let range = wanted.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let mut sums = Self {
+            relative_error: relative_error(&shown, &wanted, &all_areas)?,
+            correlation: 0.0,
+            similarity: 0.0,
+            position_error_m: 0.0,
+            found: 0.0,
+            extra: 0.0,
+            greit: None,
+        };
+        let (mut fingers, mut found) = (0, 0);
+        for (frame, image) in movie.rows().into_iter().enumerate() {
+            let image = image.to_vec();
+            let wanted = truth.pixels.row(frame).to_vec();
+            // an image without any change has no correlation: as far from the truth as can be
+            let correlation = correlation_coefficient(&image, &wanted, areas)?;
+            sums.correlation += if correlation.is_nan() { 0.0 } else { correlation };
+            sums.similarity += similarity(bench, &image, &wanted, range)?;
+            let positions = &truth.positions_m[frame];
+            let settings = TouchSettings { within_m: WITHIN_M, ..Default::default() };
+            let touches = touch_position_errors_m(&image, &bench.cells, positions, &settings)?;
+            sums.position_error_m += touches.errors_m.iter().flatten().sum::<f64>();
+            found += touches.errors_m.iter().flatten().count();
+            fingers += positions.len();
+            sums.extra += touches.extra as f64;
+            if let [position_m] = positions[..] {
+                let greit = sums.greit.get_or_insert_with(Greit::default);
+                greit.add(figures(bench, &image, &wanted, position_m)?, 1.0 / count as f64);
+            }
+        }
+        let mean = |sum: f64| sum / count as f64;
+        Ok(Self {
+            correlation: mean(sums.correlation),
+            similarity: mean(sums.similarity),
+            position_error_m: sums.position_error_m / found as f64,
+            found: found as f64 / fingers as f64,
+            extra: mean(sums.extra),
+            ..sums
+        })
+    }
+
+    pub fn json(&self) -> Value {
+        json!({
+            "relative_error": self.relative_error,
+            "correlation": self.correlation,
+            "structural_similarity": self.similarity,
+            "position_error_m": self.position_error_m,
+            "fingers_found": self.found,
+            "extra_blobs_a_frame": self.extra,
+            "greit": self.greit.map(|g| json!({
+                "amplitude_response": g.amplitude_response,
+                "position_error_m": g.position_error_m,
+                "resolution": g.resolution,
+                "shape_deformation": g.shape_deformation,
+                "ringing": g.ringing,
+            })),
+        })
+    }
+}
+
+/// The five figures of an image; none of them for one without any change.
+fn figures(
+    bench: &Bench,
+    image: &[f64],
+    truth: &[f64],
+    position_m: [f64; 2],
+) -> Result<[f64; 5], ReportError> {
+    let target = GreitTarget { position_m, amount_s_m2: bench.cells.integral(truth)? };
+    let figures = greit_figures(image, &bench.cells, ChangeSign::Increase, &target)?;
+    Ok(figures.map_or([0.0; 5], |f| {
+        let error_m = f.position_error_m.abs();
+        [f.amplitude_response, error_m, f.resolution, f.shape_deformation, f.ringing]
+    }))
+}
+
+/// Structural similarity of pixels, relative to a range.
+fn similarity(bench: &Bench, image: &[f64], truth: &[f64], range: f64) -> Result<f64, ReportError> {
+    let image = bench.raster.image_from_pixels(image)?;
+    let truth = bench.raster.image_from_pixels(truth)?;
+    let mask = bench.raster.mask().view();
+    // a truth without any change has no range
+    let range = Some(range).filter(|range| *range > 0.0);
+    Ok(structural_similarity(image.view(), truth.view(), mask, range)?.unwrap_or(0.0))
+}
+
+impl Greit {
+    fn add(&mut self, figures: [f64; 5], weight: f64) {
+        let sums = [
+            &mut self.amplitude_response,
+            &mut self.position_error_m,
+            &mut self.resolution,
+            &mut self.shape_deformation,
+            &mut self.ringing,
+        ];
+        sums.into_iter().zip(figures).for_each(|(sum, figure)| *sum += weight * figure);
+    }
+}

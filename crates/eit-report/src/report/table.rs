@@ -1,0 +1,127 @@
+//! Tables of the report, written three ways.
+
+use super::{Answer, markdown};
+use crate::error::ReportError;
+use crate::output::{OutFolder, io};
+use eit_skin::Progress;
+use serde_json::{Map, Value, json};
+
+/// Names of the files of a report: `.md`, `.csv`, `.json`.
+pub(super) type FileNames = [&'static str; 3];
+
+/// Writes Markdown, CSV and JSON of all tables; the Markdown is the answer.
+pub(super) fn write(
+    title: &str,
+    tables: &[Table],
+    [md, csv, json]: FileNames,
+    (out, progress): (&mut OutFolder, &Progress),
+) -> Result<Answer, ReportError> {
+    let sections: Vec<String> = tables.iter().map(Table::markdown).collect();
+    let markdown = format!("# {title}\n\n{}", sections.join("\n"));
+    out.write(md, |w| w.write_all(markdown.as_bytes()).map_err(io))?;
+    let lines: String = tables.iter().map(Table::csv).collect();
+    let text = format!("table,row,column,value\n{lines}");
+    out.write(csv, |w| w.write_all(text.as_bytes()).map_err(io))?;
+    let value = json!({
+        "tables": tables.iter().map(Table::json).collect::<Vec<_>>(),
+        "stages": progress.times(),
+    });
+    out.write(json, |w| writeln!(w, "{value:#}").map_err(io))?;
+    let text =
+        format!("{markdown}\nwritten to {}: {}", out.path().display(), out.names().join(", "));
+    Ok(Answer { text, json: value })
+}
+
+/// A cell of a table.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Cell {
+    /// What a row is about.
+    Text(String),
+    /// A figure, and the digits shown of it after the point; NaN shows as a dash.
+    Number(f64, usize),
+}
+
+/// One experiment's results.
+#[derive(Debug, Clone)]
+pub(super) struct Table {
+    /// Name in the CSV and JSON files.
+    pub name: &'static str,
+    /// Headline.
+    pub title: &'static str,
+    /// Conditions: trials, seeds, definitions.
+    pub note: String,
+    /// Names of the columns, with units.
+    pub columns: Vec<&'static str>,
+    /// Cells of each row.
+    pub rows: Vec<Vec<Cell>>,
+}
+
+impl Cell {
+    /// Of anything that prints.
+    pub fn text(value: impl ToString) -> Self {
+        Self::Text(value.to_string())
+    }
+
+    fn shown(&self) -> String {
+        match self {
+            Self::Text(text) => text.clone(),
+            Self::Number(value, _) if value.is_nan() => "-".to_owned(),
+            Self::Number(value, digits) => format!("{value:.digits$}"),
+        }
+    }
+}
+
+impl Table {
+    /// Section of the Markdown file.
+    pub fn markdown(&self) -> String {
+        let shown = |row: &Vec<Cell>| row.iter().map(Cell::shown).collect::<Vec<_>>();
+        let rows: Vec<Vec<String>> = self.rows.iter().map(shown).collect();
+        format!("## {}\n\n{}\n\n{}", self.title, self.note, markdown(&self.columns, &rows))
+    }
+
+    /// Lines `table,row,column,value`: `row` is what the text cells say.
+    pub fn csv(&self) -> String {
+        let mut text = String::new();
+        for row in &self.rows {
+            let texts = row.iter().filter_map(|cell| match cell {
+                Cell::Text(text) => Some(text.as_str()),
+                Cell::Number(..) => None,
+            });
+            let key = texts.collect::<Vec<_>>().join("; ").replace('"', "\"\"");
+            for (column, cell) in self.columns.iter().zip(row) {
+                if let Cell::Number(value, _) = cell {
+                    text += &format!("{},\"{key}\",\"{column}\",{value}\n", self.name);
+                }
+            }
+        }
+        text
+    }
+
+    /// One object a row; figures that are not finite are null.
+    pub fn json(&self) -> Value {
+        let of_row = |row: &Vec<Cell>| {
+            let value = |cell: &Cell| match cell {
+                Cell::Text(text) => text.parse::<f64>().map_or_else(|_| json!(text), Value::from),
+                Cell::Number(value, _) => json!(value),
+            };
+            let pairs =
+                self.columns.iter().zip(row).map(|(c, cell)| ((*c).to_owned(), value(cell)));
+            Value::Object(pairs.collect::<Map<_, _>>())
+        };
+        let rows: Vec<Value> = self.rows.iter().map(of_row).collect();
+        json!({ "name": self.name, "title": self.title, "note": self.note, "rows": rows })
+    }
+}
+
+/// The value below which a part of the values lie (nearest rank); NaN of none.
+pub(super) fn quantile(values: &[f64], part: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let rank = (part * sorted.len() as f64).ceil() as usize;
+    sorted.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
+}
+
+/// Root mean square; NaN of none.
+pub(super) fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}

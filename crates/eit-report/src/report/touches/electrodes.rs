@@ -1,0 +1,246 @@
+//! Movement of electrodes inside the inverse: images and touches of the simulated fabric with
+//! `reconstruction.electrode_movement_m` and without it, and what it costs where nothing moves.
+
+use super::Grid;
+use super::lab::Lab;
+use super::table::{Cell, Table, quantile};
+use super::tracks::{Present, Tally};
+use eit_skin::denoise::{Chain, Chained};
+use crate::error::ReportError;
+use eit_skin::method::Method;
+use eit_skin::pipeline;
+use eit_skin::Progress;
+use eit_skin::scene::Scene;
+use eit_fem::fabric::{
+    Fabric, FabricSettings, PlayCircle, Rim, Simulation, SimulationSettings, TouchScript,
+};
+use eit_inverse::metrics::{Cells, TouchSettings, artefact_energy, touch_position_errors_m};
+use eit_inverse::touch::Touch;
+use eit_mesh::Raster;
+use ndarray::{ArrayView2, Axis};
+
+/// How far electrodes are said to move: in these scripts it is 0.7 mm at most, root mean square along
+/// the rim and across it 0.1 to 0.16.
+const MOVEMENT_M: f64 = 0.2e-3;
+/// Methods whose images are judged.
+const METHODS: [Method; 2] = [Method::GaussNewton, Method::StTv];
+/// A finger weaker than this is on its way: its frame says nothing of images, newton.
+const FULL_N: f64 = 0.7;
+/// What is farther than this from every finger is none of it, metres.
+const WITHIN_M: f64 = 0.025;
+
+/// A script on a fabric.
+struct Case {
+    name: &'static str,
+    script: &'static str,
+    seed: u64,
+    rigid: bool,
+}
+
+const fn case(name: &'static str, script: &'static str, seed: u64, rigid: bool) -> Case {
+    Case { name, script, seed, rigid }
+}
+
+/// The scripts of `eit demo` and `eit report`; the last two cost what honesty costs. With `--quick`
+/// the first and the last.
+const CASES: [Case; 6] = [
+    case("one finger", "paper-one-finger", 601, false),
+    case("two fingers", "paper-two-fingers", 602, false),
+    case("stroking", "stroking", 603, false),
+    case("random", "random", 604, false),
+    case("two fingers, rigid rim", "paper-two-fingers", 605, true),
+    case("one finger, rigid rim", "paper-one-finger", 606, true),
+];
+
+/// Number of steps of the table.
+pub(super) fn steps(grid: &Grid) -> usize {
+    cases(grid).count() * 2 * METHODS.len()
+}
+
+fn cases(grid: &Grid) -> impl Iterator<Item = &'static Case> {
+    let skipped = if grid.all_scripts { 1 } else { CASES.len() - 1 };
+    CASES.iter().step_by(skipped)
+}
+
+/// The table: rows of images by each method, and of touches, without and with the key.
+pub(super) fn table(
+    lab: &Lab,
+    grid: &Grid,
+    bar: &indicatif::ProgressBar,
+) -> Result<Table, ReportError> {
+    let mut rows = Vec::new();
+    let mut moved_m = 0.0_f64;
+    for case in cases(grid) {
+        let shown = Shown::simulate(lab, case, grid.script_frames)?;
+        moved_m = moved_m.max(shown.moved_m());
+        for movement_m in [None, Some(MOVEMENT_M)] {
+            let key = movement_m.map_or("-".to_owned(), |m| format!("{} mm", 1e3 * m));
+            for method in METHODS {
+                let chain = chain(lab, method, movement_m, &shown.script)?;
+                let made = chain.reconstruct(&shown.made.frames_v)?;
+                let label = [case.name, method.name(), &key].map(Cell::text);
+                rows.push([label.to_vec(), shown.judge_images(&chain, &made)?].concat());
+                if method == Method::GaussNewton {
+                    let label = [case.name, "touches", &key].map(Cell::text);
+                    rows.push([label.to_vec(), shown.judge_touches(&chain, &made)?].concat());
+                }
+                bar.inc();
+            }
+        }
+    }
+    Ok(Table {
+        name: "electrodes",
+        title: "Movement of electrodes inside the inverse",
+        note: format!(
+            "Simulated fabric with all its defaults, instrument included (rigid rim: compliance and \
+             contact gain zero), {0} nodes; at most {1} frames of a script, {2} x {2} pixels; noise \
+             from the quiet frames, no bounds. Key: reconstruction.electrode_movement_m; electrodes \
+             moved by up to {3:.2} mm. Away: part of an image's energy farther than {4:.0} mm from \
+             every finger, median. Position: distance of a finger from its blob (half of the largest \
+             value) or touch, within {4:.0} mm; found: fingers of at least {FULL_N} N that have one; \
+             invented: blobs or touches a frame that are no finger's. Contrast: integral of the image \
+             within {4:.0} mm of the fingers over that of the truth, median. Touches: those of `eit \
+             reconstruct`, found in one-step images of their own. Images are judged in frames in which \
+             every finger presses in full, touches in all after the quiet ones.",
+            lab.data.mesh.surface().nodes().len(),
+            grid.script_frames,
+            lab.bench.raster.pixels(),
+            1e3 * moved_m,
+            1e3 * WITHIN_M,
+        ),
+        columns: vec![
+            "script",
+            "of",
+            "key",
+            "away",
+            "position, mm",
+            "95 %, mm",
+            "found",
+            "invented a frame",
+            "contrast",
+        ],
+        rows,
+    })
+}
+
+/// The chain of `eit reconstruct` for a simulated recording of the paper's skin.
+fn chain(
+    lab: &Lab,
+    method: Method,
+    movement_m: Option<f64>,
+    script: &TouchScript,
+) -> Result<Chain, ReportError> {
+    let mut scene: Scene = lab.bench.scene.clone();
+    scene.reconstruction.electrode_movement_m = movement_m;
+    let lengths = Some((script.frames, script.quiet_frames));
+    let mut chain = Chain::new(&scene, Some(method.name()), lengths, &mut Progress::silent())?;
+    chain.scene.recording.frame_rate_hz = Some(script.frame_rate_hz);
+    Ok(chain)
+}
+
+/// A simulated recording.
+struct Shown {
+    script: TouchScript,
+    made: Simulation,
+}
+
+impl Shown {
+    fn simulate(lab: &Lab, case: &Case, most: usize) -> Result<Self, ReportError> {
+        let (mesh, protocol) = (&lab.data.mesh, &lab.data.protocol);
+        let mut script = TouchScript::built_in(case.script, &PlayCircle::of(mesh), case.seed)?;
+        script.frames = script.frames.min(most);
+        let mut settings = FabricSettings::default();
+        if case.rigid {
+            settings.rim = Rim { compliance: 0.0, contact_gain: 0.0 };
+        }
+        let impedance = lab.bench.scene.contact_impedance(mesh.electrodes().len())?;
+        let fabric = Fabric::new(mesh, protocol, lab.sheet_s(), &impedance, &settings)?;
+        let raster = Raster::new(mesh.surface(), lab.bench.raster.pixels())?;
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let how = SimulationSettings { seed: case.seed, threads, keep_elements: false };
+        let made = fabric.simulate(&script, &raster, &how, &mut |_| {})?;
+        Ok(Self { script, made })
+    }
+
+    /// Largest movement of an electrode in the plane of the skin, metres.
+    fn moved_m(&self) -> f64 {
+        let shifts = self.made.truth.electrode_shift_m.rows().into_iter();
+        shifts.map(|s| s[0].hypot(s[1])).fold(0.0, f64::max)
+    }
+
+    /// Fingers of a frame: name, place, whether it presses in full.
+    fn present(&self, frame: usize) -> Present {
+        let touches = self.made.truth.touches.iter().filter(|touch| touch.frame == frame);
+        touches.map(|t| (t.finger, t.position_m, t.force_n >= FULL_N)).collect()
+    }
+
+    /// Cells of a row about images.
+    fn judge_images(&self, chain: &Chain, made: &Chained) -> Result<Vec<Cell>, ReportError> {
+        let cells = Cells::of_raster(&chain.raster);
+        let settings = TouchSettings { within_m: WITHIN_M, ..Default::default() };
+        let (mut away, mut contrast, mut errors_m) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut fingers, mut invented, mut frames) = (0, 0, 0);
+        let mut pixels = vec![0.0; chain.raster.masked_pixels().len()];
+        for frame in self.script.quiet_frames..self.script.frames {
+            let present = self.present(frame);
+            if present.is_empty() || present.iter().any(|finger| !finger.2) {
+                continue;
+            }
+            let places: Vec<[f64; 2]> = present.iter().map(|finger| finger.1).collect();
+            let image = made.images.index_axis(Axis(0), frame);
+            chain.raster.pixels_from_image_into(image, &mut pixels)?;
+            away.extend(artefact_energy(&pixels, &cells, &places, WITHIN_M)?);
+            let found = touch_position_errors_m(&pixels, &cells, &places, &settings)?;
+            (fingers, frames) = (fingers + places.len(), frames + 1);
+            invented += found.extra;
+            errors_m.extend(found.errors_m.into_iter().flatten());
+            let truth = &self.made.truth.conductivity_change_s;
+            let truth = truth.index_axis(Axis(0), frame);
+            let [image, truth] = [image, truth].map(|image| near(&chain.raster, image, &places));
+            contrast.push(image / truth);
+        }
+        let part = |count: usize, of: usize| count as f64 / of as f64;
+        Ok(vec![
+            Cell::Number(quantile(&away, 0.5), 3),
+            Cell::Number(1e3 * quantile(&errors_m, 0.5), 1),
+            Cell::Number(1e3 * quantile(&errors_m, 0.95), 1),
+            Cell::Number(part(errors_m.len(), fingers), 3),
+            Cell::Number(part(invented, frames), 3),
+            Cell::Number(quantile(&contrast, 0.5), 2),
+        ])
+    }
+
+    /// Cells of a row about touches.
+    fn judge_touches(&self, chain: &Chain, made: &Chained) -> Result<Vec<Cell>, ReportError> {
+        let (models, given) = ((&chain.setup, &chain.linearised), (&made.frames, made.gain));
+        let mut silent = Progress::silent();
+        let found = pipeline::touches::touches(&chain.scene, models, given, None, &mut silent)?;
+        let Some(found) = found else {
+            return Err(ReportError::Failure("the noise of simulated frames is unknown".to_owned()));
+        };
+        let mut tally = Tally::default();
+        for frame in self.script.quiet_frames..self.script.frames {
+            let of_frame = found.rows.iter().filter(|row| row.0 == frame);
+            let touches: Vec<Touch> = of_frame.map(|row| row.2).collect();
+            tally.add(&self.present(frame), &touches);
+        }
+        Ok(vec![
+            Cell::Number(f64::NAN, 3),
+            Cell::Number(1e3 * quantile(&tally.errors_m, 0.5), 1),
+            Cell::Number(1e3 * quantile(&tally.errors_m, 0.95), 1),
+            Cell::Number(tally.found as f64 / tally.fingers as f64, 3),
+            Cell::Number(tally.false_touches as f64 / tally.frames as f64, 3),
+            Cell::Number(f64::NAN, 2),
+        ])
+    }
+}
+
+/// Sum of an image's pixels near any of some places.
+fn near(raster: &Raster, image: ArrayView2<'_, f64>, places: &[[f64; 2]]) -> f64 {
+    let is_near = |[i, j]: [usize; 2]| {
+        let [x, y] = raster.centre_m(i, j);
+        places.iter().any(|place| (x - place[0]).hypot(y - place[1]) <= WITHIN_M)
+    };
+    let pixels = raster.masked_pixels().iter().filter(|pixel| is_near(**pixel));
+    pixels.map(|pixel| image[*pixel]).filter(|value| value.is_finite()).sum()
+}

@@ -1,0 +1,86 @@
+//! GREIT figures of merit over the disc, for every method.
+
+use super::super::bench::{ENTRANTS, Entry};
+use super::super::scores::{Scores, Truth};
+use super::Grid;
+use super::lab::{DATA_NODES, Lab};
+use super::table::{Cell, Table};
+use crate::error::ReportError;
+use eit_skin::Progress;
+use eit_skin::scene::Rule;
+use crate::simulate::{Finger, FingerShape, TouchMovie};
+use eit_inverse::{Differences, Stop};
+
+/// Methods that are compared: all but the absolute one, which takes too long.
+pub(super) const METHODS: usize = ENTRANTS.len() - 1;
+/// Noise of the frames.
+const NOISE_DB: f64 = 60.0;
+/// Frames of the held touch.
+const FRAMES: usize = 6;
+/// Angle of the touches: between two electrodes, off the symmetry.
+const ANGLE: f64 = 0.13;
+/// As in `report --quality`.
+const TARGET_GAP: f64 = 1e-2;
+
+/// The table: one row for each radius and method.
+pub(super) fn table(
+    lab: &Lab,
+    grid: &Grid,
+    bar: &indicatif::ProgressBar,
+) -> Result<Table, ReportError> {
+    let bench = &lab.bench;
+    let finger = Finger { shape: FingerShape::Bell, sigma_m: 0.01, change: 0.3 };
+    let mut rows = Vec::new();
+    for &part in grid.greit_radii {
+        let r = part * lab.radius_m();
+        let place = [r * f64::cos(ANGLE), r * f64::sin(ANGLE)];
+        let positions_m = vec![vec![place]; FRAMES];
+        let movie = TouchMovie { positions_m, finger, rate_hz: 10.0 };
+        let mut silent = Progress::silent();
+        let voltages = movie.voltages(&bench.scene, &lab.data, &mut silent)?;
+        let pixels = bench.pixels_of(movie.truth(&bench.scene, &bench.raster).view())?;
+        let truth = Truth { pixels: &pixels, positions_m: &movie.positions_m };
+        let noise_std_v = voltages.noise_std_v(NOISE_DB);
+        let frames = voltages.with_noise(noise_std_v, 1)?;
+        let values = frames.differences(bench.kind());
+        let differences = Differences::all_good(values.view());
+        for entrant in &ENTRANTS[..METHODS] {
+            let rule = Rule::NoiseFigure;
+            let mut entry = Entry::new(bench, (*entrant, rule), &frames, noise_std_v)?;
+            let stop = Stop { target_gap: TARGET_GAP, ..Default::default() };
+            let (found, _) = entry.run(&differences, &stop)?;
+            let scores = Scores::new(bench, found.view(), &truth)?;
+            bar.inc();
+            let Some(greit) = scores.greit else { continue };
+            rows.push(vec![
+                Cell::text(part),
+                Cell::text(entrant.name()),
+                Cell::Number(greit.amplitude_response, 2),
+                Cell::Number(1e3 * greit.position_error_m, 2),
+                Cell::Number(greit.resolution, 3),
+                Cell::Number(greit.shape_deformation, 2),
+                Cell::Number(greit.ringing, 2),
+            ]);
+        }
+    }
+    Ok(Table {
+        name: "greit",
+        title: "GREIT figures of merit over the disc",
+        note: format!(
+            "A bell of 10 mm and 30 % held for {FRAMES} frames at each radius (part of the skin's), \
+             {NOISE_DB} dB on frames and reference, data of about {DATA_NODES} nodes; means over the frames. \
+             Hyperparameter by noise figure 1, weights of total variation by the rule of `eit \
+             reconstruct`. AR: amplitude response (1 best); PE: amount of the position error along \
+             the radius, mm; RES: resolution; SD: shape deformation; RNG: ringing (0 best). The \
+             truth's own RES is {:.3}.",
+            truth_resolution(lab)
+        ),
+        columns: vec!["radius", "method", "AR", "PE, mm", "RES", "SD", "RNG"],
+        rows,
+    })
+}
+
+/// Resolution of the true bell: it is above a quarter of its peak within `sigma sqrt(2 ln 4)`.
+fn truth_resolution(lab: &Lab) -> f64 {
+    super::lab::RADIUS_M * (2.0 * 4.0_f64.ln()).sqrt() / lab.radius_m()
+}

@@ -1,0 +1,216 @@
+//! What the movement of electrodes costs: touches of the simulated fabric, with a rigid rim, with a
+//! rim that gives way, with a finger that slides, and with all else that a fabric does.
+
+use super::eyes::Eyes;
+use super::lab::{Lab, RINGS, Random};
+use super::position::{distance_m, places};
+use super::table::{Cell, Table, quantile, rms};
+use super::{Grid, METHODS};
+use crate::error::ReportError;
+use eit_fem::fabric::{
+    Fabric, FabricSettings, Finger, Instrument, Interpolation, Key, Membrane, Rim,
+    SimulationSettings, Tip, TouchScript,
+};
+use eit_inverse::touch::{Bell, Nuisance};
+use ndarray::{Array2, Axis};
+use std::f64::consts::{SQRT_2, TAU};
+
+/// Number of fabrics.
+pub(super) const FABRICS: usize = 4;
+/// Noise of the frames.
+const NOISE_DB: f64 = 60.0;
+/// A finger that touches without pressing hard, as in the built-in scripts: newton, metres.
+const FORCE_N: f64 = 1.5;
+const TIP_M: f64 = 0.01;
+/// Way of a sliding finger from one frame to the next, metres.
+const STEP_M: f64 = 0.005;
+/// Frames a second of the script.
+const RATE_HZ: f64 = 10.0;
+
+/// Fabrics, each with what its finger does.
+fn fabrics() -> [(&'static str, FabricSettings, bool); FABRICS] {
+    let rigid = FabricSettings::ideal();
+    let moving = FabricSettings {
+        membrane: Membrane::default(),
+        rim: Rim::default(),
+        ..FabricSettings::ideal()
+    };
+    let all = FabricSettings {
+        instrument: Instrument { loose: Vec::new(), ..rigid.instrument.clone() },
+        ..FabricSettings::default()
+    };
+    [
+        ("nothing moves", rigid, false),
+        ("rim gives way, pressed", moving.clone(), false),
+        ("rim gives way, sliding", moving, true),
+        ("with weave, memory, drift, sliding", all, true),
+    ]
+}
+
+/// The table of movement: one row for each ring, fabric and method.
+pub(super) fn table(
+    lab: &Lab,
+    grid: &Grid,
+    bar: &indicatif::ProgressBar,
+) -> Result<Table, ReportError> {
+    let mut eyes = Eyes::new(lab, NOISE_DB)?;
+    let all: Vec<Vec<[f64; 2]>> =
+        RINGS.iter().map(|&ring| places(lab, ring, grid.places)).collect();
+    let flat: Vec<[f64; 2]> = all.iter().flatten().copied().collect();
+    let mut bounds_m = vec![f64::NAN; RINGS.len()];
+    let mut still_m = vec![[f64::NAN; METHODS.len()]; RINGS.len()];
+    let mut rows = Vec::new();
+    for (number, (name, settings, slides)) in fabrics().into_iter().enumerate() {
+        let (frames, reference) = pressed(lab, &settings, &flat, slides)?;
+        for (ring, places) in all.iter().enumerate() {
+            let from = ring * grid.places;
+            let frames: Vec<Vec<f64>> =
+                (from..from + grid.places).map(|k| frames.row(k).to_vec()).collect();
+            if number == 0 {
+                bounds_m[ring] = bound_m(&mut eyes, &frames, &reference)?;
+            }
+            let errors = errors_m(&mut eyes, (places, &frames, &reference), grid)?;
+            for (method, errors_m) in errors.iter().enumerate() {
+                let median = quantile(errors_m, 0.5);
+                if number == 0 {
+                    still_m[ring][method] = median;
+                }
+                rows.push(vec![
+                    Cell::text(RINGS[ring]),
+                    Cell::text(name),
+                    Cell::text(METHODS[method]),
+                    Cell::Number(1e3 * median, 2),
+                    Cell::Number(1e3 * quantile(errors_m, 0.95), 2),
+                    Cell::Number(1e3 * bounds_m[ring], 3),
+                    Cell::Number(1.201 * median / bounds_m[ring], 1),
+                    Cell::Number(median / still_m[ring][method], 1),
+                ]);
+            }
+            bar.inc();
+        }
+    }
+    Ok(Table {
+        name: "movement",
+        title: "Position error when electrodes move",
+        note: format!(
+            "Simulated fabric (docs/FABRIC.md), default parameters but for what the row leaves out, \
+             {FORCE_N} N with a round tip of {:.0} mm, {NOISE_DB} dB, {} trials a row; sliding: {:.0} \
+             mm a frame in a random direction, which drags the fabric. Bound: Cramer-Rao of the \
+             bell that fits the touch best where nothing moves. Factor: 1.201 times median over \
+             bound. Over still: median over that where nothing moves. Other conditions as above.",
+            1e3 * TIP_M,
+            grid.trials.div_ceil(grid.places) * grid.places,
+            1e3 * STEP_M
+        ),
+        columns: vec![
+            "ring",
+            "fabric",
+            "method",
+            "median, mm",
+            "95 %, mm",
+            "bound, mm",
+            "factor",
+            "over still",
+        ],
+        rows,
+    })
+}
+
+/// One frame of a finger at each place, and the untouched skin, without instrument.
+fn pressed(
+    lab: &Lab,
+    settings: &FabricSettings,
+    places: &[[f64; 2]],
+    slides: bool,
+) -> Result<(Array2<f64>, Vec<f64>), ReportError> {
+    let mut random = Random::new(29, 0);
+    let finger = |k: usize, place: [f64; 2]| {
+        let angle = TAU * random.uniform();
+        let step = if slides { STEP_M } else { 0.0 };
+        let before = [place[0] - step * angle.cos(), place[1] - step * angle.sin()];
+        let key = |frame: usize, position_m| Key {
+            time_s: frame as f64 / RATE_HZ,
+            position_m,
+            force_n: FORCE_N,
+            radius_m: TIP_M,
+        };
+        let id = u32::try_from(k + 1).unwrap_or(u32::MAX);
+        let keys = vec![key(2 * k + 1, before), key(2 * k + 2, place)];
+        Finger { id, tip: Tip::Round, interpolation: Interpolation::Linear, keys }
+    };
+    let script = TouchScript {
+        name: "presses".to_owned(),
+        frame_rate_hz: RATE_HZ,
+        frames: 2 * places.len() + 1,
+        quiet_frames: 1,
+        fingers: places
+            .iter()
+            .copied()
+            .enumerate()
+            .map({
+                let mut finger = finger;
+                move |(k, place)| finger(k, place)
+            })
+            .collect(),
+    };
+    let (frames, reference) = simulate(lab, settings, &script)?;
+    let wanted: Vec<usize> = (0..places.len()).map(|k| 2 * k + 2).collect();
+    Ok((frames.select(Axis(0), &wanted), reference))
+}
+
+/// Frames of a script without instrument, and the untouched skin.
+pub(super) fn simulate(
+    lab: &Lab,
+    settings: &FabricSettings,
+    script: &TouchScript,
+) -> Result<(Array2<f64>, Vec<f64>), ReportError> {
+    let setup = &lab.data;
+    let impedance = lab.bench.scene.contact_impedance(setup.mesh.electrodes().len())?;
+    let fabric = Fabric::new(&setup.mesh, &setup.protocol, lab.sheet_s(), &impedance, settings)?;
+    // the truth images are not looked at
+    let raster = eit_mesh::Raster::new(setup.mesh.surface(), 8)?;
+    let how = SimulationSettings::default();
+    let made = fabric.simulate(script, &raster, &how, &mut |_| {})?;
+    Ok((made.exact_v, made.reference_v.to_vec()))
+}
+
+/// Bound of the bells that fit frames without noise, root mean square distance, metres.
+fn bound_m(eyes: &mut Eyes<'_>, frames: &[Vec<f64>], reference: &[f64]) -> Result<f64, ReportError> {
+    let mut bounds = Vec::new();
+    for frame in frames {
+        let fitted = eyes.one_bell(frame, reference)?;
+        let bells: Vec<Bell> = fitted.touches.iter().map(|touch| touch.bell).collect();
+        let found = eyes.fit.bound(&bells, Nuisance::AmplitudeAndRadius)?;
+        bounds.extend(found.iter().map(|bound| SQRT_2 * bound.position_std_m));
+    }
+    Ok(rms(&bounds))
+}
+
+/// Distances of each method's touch from the truth, metres.
+fn errors_m(
+    eyes: &mut Eyes<'_>,
+    (places, frames, reference): (&[[f64; 2]], &[Vec<f64>], &[f64]),
+    grid: &Grid,
+) -> Result<[Vec<f64>; 3], ReportError> {
+    let mut errors: [Vec<f64>; 3] = Default::default();
+    for (k, (place, clean)) in places.iter().zip(frames).enumerate() {
+        let mut random = Random::new(31, k as u64);
+        if k == 0 {
+            let frame = random.noisy(clean, eyes.noise_std_v);
+            let frame = Array2::from_shape_vec((1, frame.len()), frame)
+                .map_err(|e| ReportError::Failure(e.to_string()))?;
+            eyes.open_tv(frame, reference)?;
+        }
+        for _ in 0..grid.trials.div_ceil(grid.places) {
+            let frame = random.noisy(clean, eyes.noise_std_v);
+            let one_step = eyes.one_step(&frame, reference)?;
+            errors[0].extend(one_step.first().map(|t| distance_m(t.position_m, *place)));
+            let tv = eyes.tv(&frame, reference)?;
+            errors[1].extend(tv.first().map(|t| distance_m(t.position_m, *place)));
+            let fitted = eyes.one_bell(&frame, reference)?;
+            let touch = fitted.touches.first();
+            errors[2].extend(touch.map(|t| distance_m(t.bell.position_m, *place)));
+        }
+    }
+    Ok(errors)
+}

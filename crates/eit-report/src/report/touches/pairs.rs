@@ -1,0 +1,164 @@
+//! The smallest distance at which two equal touches are seen as two.
+
+use super::eyes::Eyes;
+use super::lab::{Lab, RADIUS_M, RINGS, Random, bell};
+use super::position::distance_m;
+use super::table::{Cell, Table};
+use super::{Grid, METHODS, at_each};
+use crate::error::ReportError;
+use ndarray::Array2;
+use std::f64::consts::TAU;
+
+/// Part of the trials that must show two touches.
+const SHARE: f64 = 0.95;
+
+/// Most touches that a fit may find: two, and two that would be wrong.
+const MOST: usize = 4;
+
+/// One method at one ring and noise.
+pub(super) struct Separation {
+    ring: f64,
+    noise_db: f64,
+    method: usize,
+    /// Metres; infinite where no distance of the skin is enough.
+    distance_m: f64,
+}
+
+/// Every method at every ring and noise.
+pub(super) fn measure(
+    lab: &Lab,
+    grid: &Grid,
+    bar: &indicatif::ProgressBar,
+) -> Result<Vec<Separation>, ReportError> {
+    at_each(grid.noise_db, |noise_db| {
+        // many fits: on the mesh of the images at every noise
+        let mut eyes = Eyes::fitting_on(lab, noise_db, &lab.bench.setup)?;
+        let mut all = Vec::new();
+        for ring in RINGS {
+            for method in 0..METHODS.len() {
+                let distance_m = least(lab, &mut eyes, (ring, noise_db, method), grid)?;
+                all.push(Separation { ring, noise_db, method, distance_m });
+                bar.inc();
+            }
+        }
+        Ok(all)
+    })
+}
+
+/// The smallest distance of the grid at which enough trials show two, by halving: where a distance
+/// is enough, larger ones are taken to be.
+fn least(
+    lab: &Lab,
+    eyes: &mut Eyes<'_>,
+    (ring, noise_db, method): (f64, f64, usize),
+    grid: &Grid,
+) -> Result<f64, ReportError> {
+    let steps = grid.distances_m.len();
+    let (mut low, mut high) = (0, steps);
+    while low < high {
+        let middle = (low + high) / 2;
+        let pair = (ring, grid.distances_m[middle]);
+        if separates(lab, eyes, (pair, noise_db, method), grid)? {
+            high = middle;
+        } else {
+            low = middle + 1;
+        }
+    }
+    Ok(grid.distances_m.get(high).copied().unwrap_or(f64::INFINITY))
+}
+
+/// Two touches around a place of a ring, beside each other along the rim.
+fn pair(lab: &Lab, (ring, apart_m): (f64, f64), angle: f64) -> [[f64; 2]; 2] {
+    let r = ring * lab.radius_m();
+    if r == 0.0 {
+        return [1.0, -1.0]
+            .map(|s| [0.5 * s * apart_m * angle.cos(), 0.5 * s * apart_m * angle.sin()]);
+    }
+    // a chord of the ring; beyond its diameter there is none
+    let half = (0.5 * apart_m / r).min(1.0).asin();
+    [half, -half].map(|turn| [r * (angle + turn).cos(), r * (angle + turn).sin()])
+}
+
+fn separates(
+    lab: &Lab,
+    eyes: &mut Eyes<'_>,
+    (pair_at, noise_db, method): ((f64, f64), f64, usize),
+    grid: &Grid,
+) -> Result<bool, ReportError> {
+    let reference = &lab.reference_v;
+    let allowed = ((1.0 - SHARE) * grid.pair_trials as f64 + 1e-9) as usize;
+    let mut failed = 0;
+    let per_place = grid.pair_trials.div_ceil(grid.places);
+    let mut clean = Vec::new();
+    let mut truth = [[0.0; 2]; 2];
+    for trial in 0..grid.pair_trials {
+        let place = trial / per_place;
+        let seed = (10.0 * noise_db + 1e6 * pair_at.1 + 1e5 * pair_at.0) as u64;
+        let mut random = Random::new(trial as u64, seed);
+        if trial % per_place == 0 {
+            let angle = TAU * Random::new(23, place as u64).uniform();
+            truth = pair(lab, pair_at, angle);
+            clean = lab.voltages(&truth.map(bell))?;
+            if trial == 0 && method == 1 {
+                let frame = random.noisy(&clean, eyes.noise_std_v);
+                let frame = Array2::from_shape_vec((1, frame.len()), frame)
+                    .map_err(|e| ReportError::Failure(e.to_string()))?;
+                eyes.open_tv(frame, reference)?;
+            }
+        }
+        let frame = random.noisy(&clean, eyes.noise_std_v);
+        let found: Vec<[f64; 3]> = match method {
+            0 => eyes.one_step(&frame, reference)?.iter().map(|t| t.position_m).collect(),
+            1 => eyes.tv(&frame, reference)?.iter().map(|t| t.position_m).collect(),
+            _ => {
+                let starts = eyes.starts(&frame, reference)?;
+                let (best, _) = eyes.fit.fit_number(&frame, reference, &starts, MOST)?;
+                best.touches.iter().map(|t| t.bell.position_m).collect()
+            }
+        };
+        failed += usize::from(!both(&found, truth, pair_at.1));
+        if failed > allowed {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// Whether exactly two are found, one nearer than half of their distance to each.
+fn both(found: &[[f64; 3]], truth: [[f64; 2]; 2], apart_m: f64) -> bool {
+    let near = |a: [f64; 3], place: [f64; 2]| distance_m(a, place) < 0.5 * apart_m;
+    let [a, b] = truth;
+    matches!(*found, [p, q] if (near(p, a) && near(q, b)) || (near(p, b) && near(q, a)))
+}
+
+/// The table of distances.
+pub(super) fn table(grid: &Grid, all: &[Separation]) -> Table {
+    let mut rows: Vec<Vec<Cell>> = Vec::new();
+    for of_methods in all.chunks(METHODS.len()) {
+        let Some(first) = of_methods.first() else { continue };
+        let mut row = vec![Cell::text(first.ring), Cell::text(first.noise_db)];
+        for separation in of_methods {
+            debug_assert_eq!(separation.method, row.len() - 2);
+            row.push(Cell::Number(1e3 * separation.distance_m, 0));
+        }
+        rows.push(row);
+    }
+    let [least, most] = [grid.distances_m.first(), grid.distances_m.last()]
+        .map(|d| 1e3 * d.copied().unwrap_or(f64::NAN));
+    Table {
+        name: "two_points",
+        title: "Two-point discrimination",
+        note: format!(
+            "Smallest distance in mm at which two equal bells of {:.0} mm and 30 %, beside each \
+             other along the ring, are seen as exactly two, each nearer than half of their \
+             distance to its own, in 95 % of {} trials ({} places, seeded); distances of {least:.0} \
+             to {most:.0} mm by halving, inf: not even at the largest. Fit: as many bells as \
+             Schwarz's criterion asks for, at most {MOST}. On the mesh of the images at every noise. Noise and data as above.",
+            1e3 * RADIUS_M,
+            grid.pair_trials,
+            grid.places,
+        ),
+        columns: ["ring", "noise, dB"].into_iter().chain(METHODS).collect(),
+        rows,
+    }
+}

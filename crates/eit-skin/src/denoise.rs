@@ -1,0 +1,209 @@
+//! A scene's U-net: which weights, whether they fit, images through them.
+
+mod chain;
+mod check;
+mod live;
+
+pub use chain::{Chain, Chained};
+pub use check::{Check, Checked};
+pub use live::LiveNet;
+
+use crate::error::SkinError;
+use crate::pipeline::DEFAULT_PIXELS;
+use crate::progress::Progress;
+use crate::scene::{Scene, TouchSign};
+use eit_denoise::{Denoiser, ImageStack, Threshold, UnetShape, Weights};
+use eit_mesh::Raster;
+use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Weights for a scene.
+pub struct Net {
+    weights: Weights,
+    source: String,
+    skin: String,
+    /// -1 where touches lower the conductivity: nets know touches that raise it.
+    sign: f64,
+}
+
+/// The net that `[denoise]` asks for; `None` without that section.
+pub fn of_scene(scene: &Scene) -> Result<Option<Net>, SkinError> {
+    let Some(keys) = &scene.denoise else { return Ok(None) };
+    let name = match keys.weights.as_str() {
+        "default" => "default".to_owned(),
+        file => scene.resolve(Path::new(file)).display().to_string(),
+    };
+    let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
+    Net::load(scene, &name, pixels, keys.any_skin).map(Some)
+}
+
+impl Net {
+    /// Reads weights, "default" or a file, and refuses those of another skin or other pixels.
+    pub fn load(
+        scene: &Scene,
+        name: &str,
+        pixels: usize,
+        any_skin: bool,
+    ) -> Result<Self, SkinError> {
+        let weights = match name {
+            "default" => Weights::paper_disc(),
+            file => {
+                let bytes =
+                    std::fs::read(file).map_err(|e| SkinError::input(format!("{file}: {e}")))?;
+                Weights::from_bytes(&bytes)
+            }
+        };
+        let weights = weights.map_err(|e| SkinError::from(e).within(name))?;
+        let skin = scene.skin_fingerprint()?;
+        if !any_skin {
+            weights.check_skin(&skin, [pixels, pixels]).map_err(|e| {
+                let how = "with --any-skin, or any_skin = true in [denoise]";
+                SkinError::input(format!("{name}: {e} {how}"))
+            })?;
+        }
+        let sign = if scene.touch.sign == TouchSign::Decrease { -1.0 } else { 1.0 };
+        Ok(Self { weights, source: name.to_owned(), skin, sign })
+    }
+
+    /// Replaces images [frame, row, column] of a raster; with the measurements at hand, those that
+    /// do not explain them keep the raw image.
+    pub fn apply(
+        &self,
+        images: &mut Array3<f64>,
+        raster: &Raster,
+        check: Option<&mut Check>,
+        progress: &mut Progress,
+    ) -> Result<Option<Checked>, SkinError> {
+        progress.stage("U-net", || {
+            let turned = |v: f64| self.sign * v;
+            let raw = ImageStack::new(images.mapv(turned), raster.mask().clone())?;
+            let mut net = Denoiser::new(&self.weights, raster.mask().view())?;
+            let made = net.denoise(&raw)?.into_parts().0.mapv_into(turned);
+            let raw = std::mem::replace(images, made);
+            let (Some(check), Some(limit)) = (check, self.weights.misfit_limit()) else {
+                return Ok(None);
+            };
+            let mut scores = Vec::with_capacity(raw.dim().0);
+            for (frame, (mut made, raw)) in
+                images.outer_iter_mut().zip(raw.outer_iter()).enumerate()
+            {
+                let score = check.misfit(frame, made.view())?.score(limit);
+                if score > 1.0 {
+                    made.assign(&raw);
+                }
+                scores.push(score);
+            }
+            Ok(Some(Checked { limit, scores }))
+        })
+    }
+
+    /// Size of the net.
+    pub fn shape(&self) -> UnetShape {
+        self.weights.shape
+    }
+
+    /// For people.
+    pub fn words(&self) -> String {
+        let shape = self.weights.shape;
+        format!(
+            "U-net of {} weights ({}), {} frame{} deep in time",
+            shape.parameters(),
+            self.source,
+            shape.history,
+            if shape.history == 1 { "" } else { "s" }
+        )
+    }
+
+    /// For programs.
+    pub fn json(&self) -> Value {
+        json!({
+            "weights": self.source,
+            "parameters": self.weights.shape.parameters(),
+            "history": self.weights.shape.history,
+            "trained_for": self.weights.skin,
+            "skin": self.skin,
+            "about": self.weights.about,
+        })
+    }
+}
+
+/// How near images come to the truth.
+#[derive(Debug, Clone, Copy)]
+pub struct Scores {
+    /// Median over the frames of squared error over that of the raw image: net, and the paper's
+    /// threshold rule.
+    pub net_over_raw: f64,
+    pub rule_over_raw: f64,
+    /// Parts of the frames in which the net is nearer than raw image and rule.
+    pub nearer_than_raw: f64,
+    pub nearer_than_rule: f64,
+    /// Frames that were compared: those whose raw image is not zero.
+    pub frames: usize,
+}
+
+/// Compares over the pixels that are finite in all.
+pub fn scores(
+    raw: ArrayView3<'_, f64>,
+    made: ArrayView3<'_, f64>,
+    truth: ArrayView3<'_, f64>,
+    rule: &mut Threshold,
+) -> Result<Scores, SkinError> {
+    let mut ratios = Vec::new();
+    let mut kept = raw.index_axis(Axis(0), 0).to_owned();
+    for ((raw, made), truth) in raw.outer_iter().zip(made.outer_iter()).zip(truth.outer_iter()) {
+        if raw.iter().all(|v| v.is_nan() || *v == 0.0) {
+            continue;
+        }
+        rule.apply_into(raw, kept.view_mut())?;
+        let of_raw = squared(raw, truth);
+        ratios.push([squared(made, truth) / of_raw, squared(kept.view(), truth) / of_raw]);
+    }
+    let median = |k: usize| {
+        let mut values: Vec<f64> = ratios.iter().map(|r| r[k]).collect();
+        values.sort_by(f64::total_cmp);
+        values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+    };
+    let part = |nearer: &dyn Fn(&[f64; 2]) -> bool| {
+        ratios.iter().filter(|r| nearer(r)).count() as f64 / ratios.len() as f64
+    };
+    Ok(Scores {
+        net_over_raw: median(0),
+        rule_over_raw: median(1),
+        nearer_than_raw: part(&|r| r[0] < 1.0),
+        nearer_than_rule: part(&|r| r[0] < r[1]),
+        frames: ratios.len(),
+    })
+}
+
+/// Sum of squares over pixels of the skin in both; a mask may differ by a pixel of the rim.
+fn squared(image: ArrayView2<'_, f64>, truth: ArrayView2<'_, f64>) -> f64 {
+    let off = image.iter().zip(truth).map(|(v, t)| (v - t) * (v - t));
+    off.filter(|v| v.is_finite()).sum()
+}
+
+impl Scores {
+    /// For people.
+    pub fn words(&self) -> String {
+        format!(
+            "mean squared error against the truth, median of {} frames: {:.3} of the raw image's \
+             (threshold rule {:.3}); nearer than raw in {:.0} %, than the rule in {:.0} % of them",
+            self.frames,
+            self.net_over_raw,
+            self.rule_over_raw,
+            100.0 * self.nearer_than_raw,
+            100.0 * self.nearer_than_rule
+        )
+    }
+
+    /// For programs.
+    pub fn json(&self) -> Value {
+        json!({
+            "frames": self.frames,
+            "net_over_raw": self.net_over_raw,
+            "rule_over_raw": self.rule_over_raw,
+            "nearer_than_raw": self.nearer_than_raw,
+            "nearer_than_rule": self.nearer_than_rule,
+        })
+    }
+}

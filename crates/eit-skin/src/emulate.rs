@@ -1,0 +1,262 @@
+//! The instrument of a scene as a program: what it measures, and the device that sends it.
+
+mod arrange;
+
+use self::arrange::arranged;
+use crate::error::SkinError;
+use crate::pipeline;
+use crate::progress::Progress;
+use crate::scene::{DriverKind, Instrument, Scene};
+use eit_fem::{ForwardModel, Protocol};
+use eit_hw::codec::eits1::Information;
+use eit_hw::emulator::{BoardDevice, Device, Eits1Device, SciospecDevice};
+use eit_hw::{Layout, Quadruple, Unit};
+use ndarray::Array2;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use std::collections::HashMap;
+use std::path::Path;
+
+/// Noise of the untouched skin where the scene states none, as a part of the median voltage: 80 dB.
+const DEFAULT_NOISE: f64 = 1e-4;
+/// Highest frame rate that an emulated EITS-1 instrument agrees to.
+const MOST_RATE_HZ: f32 = 10_000.0;
+/// What an instrument is that is told apart by nothing else.
+const NAME: &str = "emulated skin";
+
+/// Voltages that the device sends over and over, [frame, value of the device].
+struct Played {
+    real: Array2<f64>,
+    imaginary: Option<Array2<f64>>,
+    noise: f64,
+    random: Pcg64,
+}
+
+impl Played {
+    /// Value `index` of frame `number`.
+    fn at(&mut self, number: u64, index: usize) -> [f64; 2] {
+        let row = (number % self.real.nrows() as u64) as usize;
+        let noise = match self.noise > 0.0 {
+            true => self.noise * Distribution::<f64>::sample(&StandardNormal, &mut self.random),
+            false => 0.0,
+        };
+        let imaginary = self.imaginary.as_ref().map_or(0.0, |parts| parts[[row, index]]);
+        [self.real[[row, index]] + noise, imaginary]
+    }
+}
+
+/// What is sent.
+pub struct Content<'a> {
+    /// Frames of the scene's protocol, played over and over; `None`: the untouched skin by the
+    /// scene's own model, with noise.
+    pub frames: Option<&'a Path>,
+    /// Serial number.
+    pub serial: &'a str,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+/// The device that the scene's driver talks to.
+pub fn device(
+    scene: &Scene,
+    instrument: &Instrument,
+    content: &Content<'_>,
+    progress: &mut Progress,
+) -> Result<Box<dyn Device>, SkinError> {
+    let wanted = quadruples(instrument);
+    let played = match content.frames {
+        Some(file) => from_file(scene, instrument, &wanted, file)?,
+        None => from_model(scene, instrument, &wanted, content.seed, progress)?,
+    };
+    match &instrument.kind {
+        DriverKind::Eits1 => Ok(eits1(instrument, content.serial, played)),
+        DriverKind::Sciospec(_) => sciospec(instrument, content.serial, played),
+        DriverKind::Board(board) => {
+            // what the driver multiplies by is divided by here
+            let unit = match board.unit {
+                Unit::Volt => 1.0,
+                Unit::Ohm => instrument.current_a,
+                Unit::Arbitrary => scene.recording.scale.unwrap_or(1.0),
+            };
+            Ok(text_board(board, instrument, unit, played))
+        }
+    }
+}
+
+/// An electrode that a drive leaves alone: potentials are against it.
+fn free_electrode(drive: [u32; 2]) -> u32 {
+    (0..).find(|electrode| !drive.contains(electrode)).unwrap_or_default()
+}
+
+/// Measurements whose voltages the device needs: those it sends, and of a Sciospec instrument each
+/// potential against that of an electrode that is not driven.
+fn quadruples(instrument: &Instrument) -> Vec<Quadruple> {
+    match &instrument.kind {
+        DriverKind::Eits1 => instrument.quadruples.clone(),
+        DriverKind::Sciospec(settings) => {
+            let electrodes = settings.electrodes;
+            let of_drive = |&[a, b]: &[u32; 2]| {
+                let free = free_electrode([a, b]);
+                (0..electrodes).filter(move |&e| e != free).map(move |e| [a, b, e, free])
+            };
+            settings.drives.iter().flat_map(of_drive).collect()
+        }
+        DriverKind::Board(board) => match &board.layout {
+            Layout::Quadruples(quadruples) => quadruples.clone(),
+            _ => instrument.quadruples.clone(),
+        },
+    }
+}
+
+fn from_model(
+    scene: &Scene,
+    instrument: &Instrument,
+    wanted: &[Quadruple],
+    seed: u64,
+    progress: &mut Progress,
+) -> Result<Played, SkinError> {
+    scene.refuse_reactive()?;
+    let mesh = progress.stage("mesh", || scene.mesh(None)?.build())?;
+    let electrodes = mesh.electrodes().len();
+    let protocol = Protocol::from_quadruples(electrodes, wanted, instrument.current_a)
+        .map_err(|e| mismatch(scene, instrument, &e.to_string()))?;
+    let impedance = scene.contact_impedance(electrodes)?;
+    let model = ForwardModel::with_elements(
+        &mesh,
+        &protocol,
+        &impedance,
+        scene.elements().unwrap_or_default(),
+    )?;
+    let background = vec![scene.skin.conductivity_s; model.elements()];
+    let voltages = progress.stage("voltages", || {
+        let mut workspace = model.workspace()?;
+        let mut solution = model.solve(&background, &mut workspace)?;
+        pipeline::certain(&solution.report())?;
+        Ok::<_, SkinError>(solution.measurements())
+    })?;
+    let mut sizes: Vec<f64> = voltages.iter().map(|v| v.abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    let median = sizes.get(sizes.len() / 2).copied().unwrap_or_default();
+    Ok(Played {
+        real: voltages.insert_axis(ndarray::Axis(0)),
+        imaginary: None,
+        noise: scene.noise.additive_v.unwrap_or(DEFAULT_NOISE * median),
+        random: Pcg64::new(u128::from(seed), 0x0a02_bdbf_7bb3_c0a7),
+    })
+}
+
+/// Frames of a file in the scene's protocol, as voltages of the wanted measurements.
+fn from_file(
+    scene: &Scene,
+    instrument: &Instrument,
+    wanted: &[Quadruple],
+    file: &Path,
+) -> Result<Played, SkinError> {
+    let recording = eit_hw::read_recording(file, None, &eit_hw::ReadOptions::default())?;
+    let (own, count) = (Some(&instrument.quadruples[..]), instrument.quadruples.len());
+    let scale = scene.recording.scale.unwrap_or(1.0);
+    let part = |component| {
+        let mut frames = recording.frames_for(own, count, component)?;
+        frames.to_volts(instrument.current_a);
+        frames.values *= scale;
+        // a value that was not measured cannot be sent
+        frames.values.mapv_inplace(|value| if value.is_finite() { value } else { 0.0 });
+        arranged(&instrument.quadruples, &frames.values, wanted)
+            .map_err(|why| mismatch(scene, instrument, &why))
+    };
+    let real = part(eit_hw::Component::Real)?;
+    let imaginary = match recording.imaginary.is_some() {
+        true => Some(part(eit_hw::Component::Imaginary)?),
+        false => None,
+    };
+    Ok(Played { real, imaginary, noise: 0.0, random: Pcg64::new(0, 0) })
+}
+
+fn mismatch(scene: &Scene, instrument: &Instrument, why: &str) -> SkinError {
+    SkinError::input(format!(
+        "the protocol of {} is not what the instrument \"{}\" measures: {why}; change [protocol] or \
+         instrument.driver",
+        scene.place,
+        instrument.driver_name()
+    ))
+}
+
+fn eits1(instrument: &Instrument, serial: &str, mut played: Played) -> Box<dyn Device> {
+    let complex = played.imaginary.is_some();
+    let information = Information {
+        electrodes: u16::try_from(instrument.electrodes).unwrap_or(u16::MAX),
+        most_measurements: u16::try_from(instrument.quadruples.len()).unwrap_or(u16::MAX),
+        max_frame_rate_hz: MOST_RATE_HZ,
+        full_scale: f32::INFINITY,
+        unit: Unit::Volt,
+        complex,
+        name: NAME.to_owned(),
+        serial: serial.to_owned(),
+    };
+    let place: HashMap<Quadruple, usize> =
+        instrument.quadruples.iter().enumerate().map(|(index, &q)| (q, index)).collect();
+    let source = move |number: u64, quadruples: &[Quadruple], values: &mut [f64]| {
+        let step = if complex { 2 } else { 1 };
+        for (slots, quadruple) in values.chunks_exact_mut(step).zip(quadruples) {
+            // a host with another scene may ask for what this one does not have
+            let parts = place.get(quadruple).map_or([0.0; 2], |&index| played.at(number, index));
+            slots.copy_from_slice(&parts[..step]);
+        }
+    };
+    Box::new(Eits1Device::new(information, Box::new(source)))
+}
+
+fn sciospec(
+    instrument: &Instrument,
+    serial: &str,
+    mut played: Played,
+) -> Result<Box<dyn Device>, SkinError> {
+    let number = serial.parse().map_err(|_| {
+        SkinError::input(format!("--serial {serial}: a Sciospec serial number is 0 to 65535"))
+    })?;
+    let DriverKind::Sciospec(settings) = &instrument.kind else {
+        return Err(SkinError::Failure("no settings of a Sciospec instrument".to_owned()));
+    };
+    let (drives, electrodes) = (settings.drives.clone(), instrument.electrodes);
+    let source = move |number: u64, [a, b]: [u32; 2], potentials: &mut [[f64; 2]]| {
+        let found = drives.iter().position(|drive| *drive == [a, b] || *drive == [b, a]);
+        let Some(drive) = found else { return potentials.fill([0.0; 2]) };
+        let sign = if drives[drive] == [a, b] { 1.0 } else { -1.0 };
+        let free = free_electrode([a, b]) as usize;
+        let mut index = drive * (electrodes - 1);
+        for (electrode, slot) in potentials.iter_mut().enumerate() {
+            *slot = [0.0; 2];
+            if electrode != free {
+                *slot = played.at(number, index).map(|part| sign * part);
+                index += 1;
+            }
+        }
+        // against the mean, as against an instrument's ground
+        let count = potentials.len() as f64;
+        for part in 0..2 {
+            let mean = potentials.iter().map(|parts| parts[part]).sum::<f64>() / count;
+            potentials.iter_mut().for_each(|parts| parts[part] -= mean);
+        }
+    };
+    let count = u32::try_from(electrodes).unwrap_or(u32::MAX);
+    Ok(Box::new(SciospecDevice::new(count, number, false, Box::new(source))))
+}
+
+fn text_board(
+    board: &eit_hw::driver::Board,
+    instrument: &Instrument,
+    unit: f64,
+    mut played: Played,
+) -> Box<dyn Device> {
+    let step = if board.format.complex { 2 } else { 1 };
+    let source = move |number: u64, _: &[Quadruple], values: &mut [f64]| {
+        for (index, slots) in values.chunks_exact_mut(step).enumerate() {
+            let parts = played.at(number, index).map(|part| part / unit);
+            slots.copy_from_slice(&parts[..step]);
+        }
+    };
+    let mut board = board.clone();
+    // the device knows no scene: it sends what it is given
+    board.layout = Layout::AsScene;
+    Box::new(BoardDevice::new(board, instrument.frame_rate_hz, Box::new(source)))
+}

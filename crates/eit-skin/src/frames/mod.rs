@@ -1,0 +1,327 @@
+//! Recorded frames and their reference, in the order of a scene's protocol.
+
+mod fit;
+mod order;
+mod quiet;
+mod reference;
+
+pub use fit::ModelFit;
+pub use quiet::QuietFrames;
+
+use crate::error::SkinError;
+use crate::scene::{Component, DifferenceKind, FramesAre, OneOrManyFiles, Reference, Scene};
+use eit_fem::Protocol;
+use eit_hw::{FrameOrientation, Layout, MeasuredFrames, Quality, ReadOptions, Recording};
+use ndarray::{Array2, Axis, concatenate};
+use std::path::{Path, PathBuf};
+
+/// Frames ready for reconstruction.
+#[derive(Debug, Clone)]
+pub struct Frames {
+    /// [frame, measurement], volt (or the instrument's unit where it states none).
+    pub values: Array2<f64>,
+    /// The frame to subtract.
+    pub reference: Vec<f64>,
+    /// Where the reference came from, in words.
+    pub reference_source: String,
+    /// Frames that the reference is the mean of.
+    pub reference_frames: usize,
+    /// Frames during which nothing touched the skin, where there are some to measure the noise on.
+    pub quiet: Option<QuietFrames>,
+    /// Whether a value is good, [frame, measurement].
+    pub good: Array2<bool>,
+    /// Measurements of the reconstruction; a frame's bad ones among them are left out of it.
+    pub used: Vec<bool>,
+    /// Frames a second, where known.
+    pub rate_hz: Option<f64>,
+    /// Reciprocity error of the mean frame, where there are reciprocal pairs.
+    pub reciprocity_error: Option<f64>,
+    /// What the user should know.
+    pub notes: Vec<String>,
+}
+
+impl Frames {
+    /// Frames whose used measurements are all good.
+    pub fn clean(&self) -> Vec<usize> {
+        let is_clean = |frame: &usize| {
+            self.good.row(*frame).iter().zip(&self.used).all(|(good, used)| *good || !*used)
+        };
+        (0..self.values.nrows()).filter(is_clean).collect()
+    }
+
+    /// Difference data [frame, measurement], zero where a value is not used: volt, or relative to
+    /// the reference.
+    pub fn differences(&self, kind: DifferenceKind) -> Array2<f64> {
+        let mut differences = self.values.clone();
+        for ((frame, i), value) in differences.indexed_iter_mut() {
+            let reference = self.reference[i];
+            *value = match (self.used[i] && self.good[[frame, i]], kind) {
+                (false, _) => 0.0,
+                (true, DifferenceKind::Plain) => *value - reference,
+                (true, DifferenceKind::Normalised) => (*value - reference) / reference,
+            };
+        }
+        differences
+    }
+}
+
+/// Frames of files in protocol order.
+struct Loaded {
+    frames: MeasuredFrames,
+    marked_reference: Option<usize>,
+    ordered_by_file: bool,
+    notes: Vec<String>,
+}
+
+/// Reads the frames of a scene: `files` and `reference` of the command line come first.
+pub fn load(
+    scene: &Scene,
+    protocol: &Protocol,
+    files: &[PathBuf],
+    reference: Option<&Reference>,
+) -> Result<Frames, SkinError> {
+    let loaded = read(scene, protocol, &files_of(scene, files)?)?;
+    let taken = reference::take(scene, protocol, &loaded, reference)?;
+    assemble(scene, protocol, loaded, taken)
+}
+
+/// Values [frame, measurement], volt, in protocol order as if a scene's recording held them.
+pub fn of_values(
+    scene: &Scene,
+    protocol: &Protocol,
+    values: &Array2<f64>,
+) -> Result<Frames, SkinError> {
+    let quality = values.mapv(|value| match value.is_finite() {
+        true => Quality::GOOD,
+        false => Quality::NON_FINITE,
+    });
+    let frames = MeasuredFrames {
+        values: values.clone(),
+        quality,
+        unit: eit_hw::Unit::Arbitrary,
+        device_time_s: None,
+        frequency_hz: None,
+        current_a: None,
+        phase_rad: None,
+    };
+    let loaded =
+        Loaded { frames, marked_reference: None, ordered_by_file: false, notes: Vec::new() };
+    let taken = reference::take(scene, protocol, &loaded, None)?;
+    assemble(scene, protocol, loaded, taken)
+}
+
+/// Frames of an instrument during which nothing touched the skin: their mean is the reference.
+pub fn of_quiet(
+    scene: &Scene,
+    protocol: &Protocol,
+    mut frames: MeasuredFrames,
+) -> Result<Frames, SkinError> {
+    frames.to_volts(drive_current_a(protocol));
+    frames.values *= scene.recording.scale.unwrap_or(1.0);
+    let taken = reference::of_quiet(&frames);
+    let (marked_reference, ordered_by_file, notes) = (None, false, Vec::new());
+    assemble(scene, protocol, Loaded { frames, marked_reference, ordered_by_file, notes }, taken)
+}
+
+/// What a value of a live instrument is multiplied by to be as those of [`of_quiet`].
+pub fn live_factor(scene: &Scene, protocol: &Protocol, unit: eit_hw::Unit) -> f64 {
+    let volts = match unit {
+        eit_hw::Unit::Ohm => drive_current_a(protocol),
+        eit_hw::Unit::Volt | eit_hw::Unit::Arbitrary => 1.0,
+    };
+    volts * scene.recording.scale.unwrap_or(1.0)
+}
+
+/// What is used, and why the rest is not.
+fn assemble(
+    scene: &Scene,
+    protocol: &Protocol,
+    loaded: Loaded,
+    taken: reference::Taken,
+) -> Result<Frames, SkinError> {
+    let mut notes = loaded.notes.clone();
+    let count = loaded.frames.values.nrows();
+    let mean = loaded.frames.mean_frame();
+    let reciprocity_error = order::check(scene, protocol, &loaded, &mean, &mut notes)?;
+    let reasons = reasons_to_leave_out(scene, protocol, &loaded, &taken);
+    let used: Vec<bool> = reasons.iter().map(Option::is_none).collect();
+    for why in [DRIVEN, ZERO, BAD_REFERENCE, MOSTLY_BAD] {
+        let count = reasons.iter().flatten().filter(|reason| **reason == why).count();
+        if count > 0 {
+            notes.push(format!("{count} measurements left out: {why}"));
+        }
+    }
+    let quiet = quiet::find(scene, &loaded.frames, &taken, &used, &mut notes)?;
+    if !used.contains(&true) {
+        return Err(SkinError::input(format!("no measurement is usable: {}", notes.join("; "))));
+    }
+    let first = scene.recording.first_frame.unwrap_or(0);
+    if first >= count {
+        let message = format!("recording.first_frame is {first}, but there are {count} frames");
+        return Err(SkinError::input(message));
+    }
+    let rate_hz =
+        scene.recording.frame_rate_hz.or_else(|| rate(loaded.frames.device_time_s.as_deref()));
+    let good = loaded.frames.quality.mapv(|q| q.is_good());
+    let from_first = |array: &Array2<f64>| array.slice_axis(Axis(0), (first..).into()).to_owned();
+    Ok(Frames {
+        values: from_first(&loaded.frames.values),
+        good: good.slice_axis(Axis(0), (first..).into()).to_owned(),
+        reference_frames: taken.frames.values.nrows(),
+        reference: taken.values,
+        reference_source: taken.source,
+        quiet,
+        used,
+        rate_hz,
+        reciprocity_error,
+        notes,
+    })
+}
+
+/// The files of the command line, else the scene's.
+fn files_of(scene: &Scene, given: &[PathBuf]) -> Result<Vec<PathBuf>, SkinError> {
+    match (given, &scene.recording.file) {
+        ([], Some(OneOrManyFiles::One(file))) => Ok(vec![scene.resolve(file)]),
+        ([], Some(OneOrManyFiles::Many(files))) if files.is_empty() => {
+            Err(SkinError::input("recording.file is an empty list").within(&scene.place))
+        }
+        ([], Some(OneOrManyFiles::Many(files))) => {
+            Ok(files.iter().map(|f| scene.resolve(f)).collect())
+        }
+        ([], None) => {
+            let message = "no frames: give --frames F, or [recording] file in the scene";
+            Err(SkinError::input(message))
+        }
+        (given, _) => Ok(given.to_vec()),
+    }
+}
+
+const DRIVEN: &str = "on current-carrying electrodes";
+const ZERO: &str = "zero, or almost, in the reference frame";
+/// What counts as almost zero, relative to the largest value of the reference frame: changes
+/// divided by less are noise of any instrument (120 dB).
+const ALMOST_ZERO: f64 = 1e-6;
+const BAD_REFERENCE: &str = "flagged bad in the reference";
+const MOSTLY_BAD: &str = "flagged bad in more than half of the frames";
+
+/// Why each measurement is left out of all frames; `None`: it is used. One that is bad in some
+/// frames only is left out of those frames.
+fn reasons_to_leave_out(
+    scene: &Scene,
+    protocol: &Protocol,
+    loaded: &Loaded,
+    taken: &reference::Taken,
+) -> Vec<Option<&'static str>> {
+    let (reference, reference_good) = (&taken.values, &taken.good);
+    let driven = on_driven_electrodes(protocol);
+    let normalised = scene.difference_kind(protocol) == DifferenceKind::Normalised;
+    let finite = reference.iter().filter(|v| v.is_finite());
+    let largest = finite.fold(0.0_f64, |m, v| m.max(v.abs()));
+    let frames = loaded.frames.quality.nrows();
+    let bad = |i: usize| loaded.frames.quality.column(i).iter().filter(|q| !q.is_good()).count();
+    (0..protocol.measurements())
+        .map(|i| match i {
+            _ if driven[i] && !scene.reconstruction.use_driven_electrodes => Some(DRIVEN),
+            _ if !reference_good[i] || !reference[i].is_finite() => Some(BAD_REFERENCE),
+            _ if 2 * bad(i) > frames => Some(MOSTLY_BAD),
+            _ if normalised && reference[i].abs() <= ALMOST_ZERO * largest => Some(ZERO),
+            _ => None,
+        })
+        .collect()
+}
+
+fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded, SkinError> {
+    let keys = &scene.recording;
+    let orientation = |frames_are| match frames_are {
+        FramesAre::Rows => FrameOrientation::Rows,
+        FramesAre::Columns => FrameOrientation::Columns,
+        FramesAre::Matrix => FrameOrientation::Matrix,
+    };
+    let mut options = ReadOptions {
+        complex: keys.complex,
+        frames_are: keys.frames_are.map(orientation),
+        ..Default::default()
+    };
+    if let Some(row) = keys.frequency_row {
+        options.sciospec.frequency_row = row;
+    }
+    let scale = keys.scale.unwrap_or(1.0);
+    let format = keys.format.as_deref().map(str::parse).transpose()?;
+    let component = match keys.component {
+        Component::Real => eit_hw::Component::Real,
+        Component::Imaginary => eit_hw::Component::Imaginary,
+        Component::Magnitude => eit_hw::Component::Magnitude,
+        Component::Phased => eit_hw::Component::Phased,
+    };
+    let mut parts = Vec::new();
+    let mut notes = Vec::new();
+    let (mut marked_reference, mut ordered_by_file) = (None, true);
+    for file in files {
+        let recording = eit_hw::read_recording(file, format, &options)?;
+        let count = protocol.measurements();
+        let mut frames = recording.frames_for(protocol.quadruples(), count, component)?;
+        frames.to_volts(drive_current_a(protocol));
+        frames.values *= scale;
+        notes.extend(notes_of(&recording, file));
+        if parts.is_empty() {
+            marked_reference = recording.reference_frame;
+        }
+        ordered_by_file &= !matches!(recording.layout, Layout::AsScene);
+        parts.push(frames);
+    }
+    let frames = joined(parts)?;
+    Ok(Loaded { frames, marked_reference, ordered_by_file, notes })
+}
+
+/// What a user should know of one file.
+fn notes_of(recording: &Recording, file: &Path) -> Vec<String> {
+    let name = name_of(file);
+    let mut notes: Vec<String> = recording.notes.iter().map(|n| format!("{name}: {n}")).collect();
+    let skipped = &recording.skipped;
+    if let (count @ 1.., Some(first)) = (skipped.frames, skipped.first.first()) {
+        notes.push(format!("{name}: {count} cut frames skipped (first: {first})"));
+    }
+    notes
+}
+
+/// The frames of several files one after the other; their clocks do not continue.
+fn joined(mut parts: Vec<MeasuredFrames>) -> Result<MeasuredFrames, SkinError> {
+    if parts.len() == 1 {
+        return Ok(parts.remove(0));
+    }
+    let failed = |e: ndarray::ShapeError| SkinError::Failure(format!("joining files: {e}"));
+    let values: Vec<_> = parts.iter().map(|p| p.values.view()).collect();
+    let quality: Vec<_> = parts.iter().map(|p| p.quality.view()).collect();
+    let (values, quality) = (
+        concatenate(Axis(0), &values).map_err(failed)?,
+        concatenate(Axis(0), &quality).map_err(failed)?,
+    );
+    Ok(MeasuredFrames { values, quality, device_time_s: None, ..parts.remove(0) })
+}
+
+/// Whether a measurement touches an electrode that carries current, where two electrodes do.
+/// Patterns that drive many electrodes at once have no other measurements.
+fn on_driven_electrodes(protocol: &Protocol) -> Vec<bool> {
+    let (stimulations, senses) = (protocol.stimulations_a(), protocol.measurement_patterns());
+    let touches = |&[s, m]: &[u32; 2]| {
+        let drive = stimulations.row(s as usize);
+        let driven = drive.iter().filter(|i| **i != 0.0).count();
+        driven == 2 && drive.iter().zip(senses.row(m as usize)).any(|(i, w)| *i != 0.0 && *w != 0.0)
+    };
+    protocol.data().iter().map(touches).collect()
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned())
+}
+
+/// Largest current of the first stimulation: what a measured impedance is multiplied by.
+fn drive_current_a(protocol: &Protocol) -> f64 {
+    protocol.stimulations_a().row(0).iter().fold(0.0, |m: f64, i| m.max(i.abs()))
+}
+
+fn rate(time_s: Option<&[f64]>) -> Option<f64> {
+    let time_s = time_s?;
+    let span = time_s.last()? - time_s.first()?;
+    (span > 0.0).then(|| (time_s.len() - 1) as f64 / span)
+}

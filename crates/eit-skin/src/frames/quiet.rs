@@ -1,0 +1,75 @@
+//! Frames during which nothing touched the skin: what the noise is measured on.
+
+use super::reference::Taken;
+use crate::error::SkinError;
+use crate::scene::Scene;
+use eit_hw::{MeasuredFrames, Quality};
+use ndarray::{Array2, Axis};
+
+/// Fewer frames are not enough to tell noise from drift.
+const LEAST_FRAMES: usize = 3;
+
+/// Quiet frames.
+#[derive(Debug, Clone)]
+pub struct QuietFrames {
+    /// [frame, measurement], in the unit of the frames; 0 in measurements that are not used.
+    pub values: Array2<f64>,
+    /// Where they came from, in words.
+    pub source: String,
+}
+
+/// The frames that `noise.quiet_frames` names, else those of the reference where they are several
+/// and not the whole recording, touches and all. Frames with bad values are passed over.
+pub fn find(
+    scene: &Scene,
+    recording: &MeasuredFrames,
+    reference: &Taken,
+    used: &[bool],
+    notes: &mut Vec<String>,
+) -> Result<Option<QuietFrames>, SkinError> {
+    let Some([first, last]) = scene.noise.quiet_frames.map(|frames| frames.0) else {
+        let frames = &reference.frames;
+        let values = clean((&frames.values, &frames.quality), 0..frames.values.nrows(), used);
+        let source = format!("the reference frames ({})", reference.source);
+        let enough = !reference.touched && values.nrows() >= LEAST_FRAMES;
+        return Ok(enough.then_some(QuietFrames { values, source }));
+    };
+    let count = recording.values.nrows();
+    if last >= count {
+        let message = format!(
+            "noise.quiet_frames = [{first}, {last}]: the recording has frames 0 to {}",
+            count - 1
+        );
+        return Err(SkinError::input(message).within(&scene.place));
+    }
+    let values = clean((&recording.values, &recording.quality), first..last + 1, used);
+    let found = values.nrows();
+    if found < LEAST_FRAMES {
+        return Err(SkinError::input(format!(
+            "noise.quiet_frames = [{first}, {last}]: {found} of them are without bad values; the \
+             noise is measured on {LEAST_FRAMES} or more"
+        ))
+        .within(&scene.place));
+    }
+    let left_out = last + 1 - first - found;
+    if left_out > 0 {
+        notes.push(format!("{left_out} quiet frames with bad values passed over"));
+    }
+    Ok(Some(QuietFrames { values, source: format!("quiet frames {first} to {last}") }))
+}
+
+/// The frames of a range whose used values are all good.
+fn clean(
+    (values, quality): (&Array2<f64>, &Array2<Quality>),
+    range: std::ops::Range<usize>,
+    used: &[bool],
+) -> Array2<f64> {
+    let is_clean =
+        |f: &usize| quality.row(*f).iter().zip(used).all(|(q, used)| q.is_good() || !*used);
+    let rows: Vec<usize> = range.filter(is_clean).collect();
+    let mut values = values.select(Axis(0), &rows);
+    for (mut column, _) in values.columns_mut().into_iter().zip(used).filter(|(_, used)| !**used) {
+        column.fill(0.0);
+    }
+    values
+}

@@ -1,0 +1,107 @@
+//! The frame to subtract: one frame, a mean, or another file.
+
+use super::{Loaded, name_of, read};
+use crate::error::SkinError;
+use crate::scene::{Reference, Scene};
+use eit_fem::Protocol;
+use eit_hw::{MeasuredFrames, Quality};
+use ndarray::{Array2, Axis};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+/// A reference frame.
+pub struct Taken {
+    /// The mean, `[measurement]`.
+    pub values: Vec<f64>,
+    /// Which of them are good.
+    pub good: Vec<bool>,
+    /// Where it came from, in words.
+    pub source: String,
+    /// The frames it is the mean of.
+    pub frames: Measured,
+    /// Whether it is the mean of the whole recording, touches and all.
+    pub touched: bool,
+}
+
+/// Values and their flags, both [frame, measurement].
+pub struct Measured {
+    pub values: Array2<f64>,
+    pub quality: Array2<Quality>,
+}
+
+/// Takes the reference of the command line (`given`, files relative to the working folder), else
+/// the scene's (files relative to the scene), else the one the file marks.
+pub fn take(
+    scene: &Scene,
+    protocol: &Protocol,
+    loaded: &Loaded,
+    given: Option<&Reference>,
+) -> Result<Taken, SkinError> {
+    let count = loaded.frames.values.nrows();
+    let marked = loaded.marked_reference.map(Reference::Frame);
+    let reference = given.or(scene.recording.reference.as_ref()).or(marked.as_ref());
+    let (range, words) = match reference {
+        None => {
+            return Err(SkinError::input(
+                "no reference frame: give --reference with a frame number, \"mean\", \"N..M\" or \
+                 a file, or [recording] reference in the scene",
+            ));
+        }
+        Some(Reference::Frame(n)) => single(*n),
+        Some(Reference::Text(text)) => match range_of(text, count) {
+            Some(found) => found,
+            None if given.is_some() => return from_file(scene, protocol, &PathBuf::from(text)),
+            None => return from_file(scene, protocol, &scene.resolve(Path::new(text))),
+        },
+    };
+    if range.is_empty() {
+        let message = format!("reference {words}: the range is empty; N..M ends before frame M");
+        return Err(SkinError::input(message));
+    }
+    if range.end > count {
+        let last = count - 1;
+        let message = format!("reference {words}: the recording has frames 0 to {last}");
+        return Err(SkinError::input(message));
+    }
+    let touched = range == (0..count);
+    let (values, good) = loaded.frames.mean_of(range.clone());
+    let frames = Measured {
+        values: loaded.frames.values.slice_axis(Axis(0), range.clone().into()).to_owned(),
+        quality: loaded.frames.quality.slice_axis(Axis(0), range.into()).to_owned(),
+    };
+    Ok(Taken { values, good, source: words, frames, touched })
+}
+
+/// The mean of frames during which nothing touched the skin.
+pub fn of_quiet(frames: &MeasuredFrames) -> Taken {
+    let count = frames.values.nrows();
+    let (values, good) = frames.mean_of(0..count);
+    let source = format!("the first {count} frames");
+    let frames = Measured { values: frames.values.clone(), quality: frames.quality.clone() };
+    Taken { values, good, source, frames, touched: false }
+}
+
+fn from_file(scene: &Scene, protocol: &Protocol, path: &Path) -> Result<Taken, SkinError> {
+    let other = read(scene, protocol, std::slice::from_ref(&path.to_path_buf()))?;
+    let count = other.frames.values.nrows();
+    let (values, good) = other.frames.mean_of(0..count);
+    let frames = if count == 1 { "1 frame".to_owned() } else { format!("mean of {count} frames") };
+    let source = format!("{} ({frames})", name_of(path));
+    let frames = Measured { values: other.frames.values, quality: other.frames.quality };
+    Ok(Taken { values, good, source, frames, touched: false })
+}
+
+fn single(frame: usize) -> (Range<usize>, String) {
+    (frame..frame.saturating_add(1), format!("frame {frame}"))
+}
+
+/// Frames named by a text: "mean", "N..M" or a number; `None` where it must be a file.
+fn range_of(text: &str, count: usize) -> Option<(Range<usize>, String)> {
+    if text == "mean" {
+        return Some((0..count, format!("mean of {count} frames")));
+    }
+    if let Some((from, to)) = text.split_once("..") {
+        return Some((from.parse().ok()?..to.parse().ok()?, format!("mean of frames {text}")));
+    }
+    text.parse().ok().map(single)
+}

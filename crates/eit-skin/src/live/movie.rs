@@ -1,0 +1,179 @@
+//! The scene's movie, frame by frame: total variation over a window, then the net.
+
+use crate::denoise::{LiveNet, Net};
+use crate::error::SkinError;
+use crate::frames::Frames;
+use crate::method::Method;
+use crate::pipeline::tv;
+use crate::pipeline::{Linearised, Setup, movement};
+use crate::progress::Progress;
+use crate::scene::{DifferenceKind, Scene};
+use eit_inverse::{InverseError, SideUnknowns, StTvStream};
+use eit_mesh::Raster;
+
+/// What makes the images of an epoch; nothing in it depends on a clock.
+pub struct Movie {
+    kind: DifferenceKind,
+    words: String,
+    /// Takes the movement of electrodes out of differences for the window.
+    side: Option<SideUnknowns>,
+    /// Electrodes move: only frames that are good in every used measurement have an image.
+    is_whole: bool,
+    window: Option<StTvStream>,
+    net: Option<LiveNet>,
+    raster: Raster,
+    /// Differences of the frame at hand; NaN where a value is not used.
+    differences: Vec<f64>,
+    good: Vec<bool>,
+    used: Vec<bool>,
+    raw: Vec<f64>,
+    made: Vec<f64>,
+    state: State,
+}
+
+/// How the image at hand came about.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct State {
+    /// Proven relative distance of the window to its optimum, and iterations; `None`: one step, or
+    /// nothing but noise.
+    pub gap: Option<f64>,
+    /// Iterations.
+    pub iterations: usize,
+    /// The net's image does not explain the measurements: the raw one is shown.
+    pub is_aside: bool,
+    /// The frame could not be explained within `delta`, and its neighbours stand for it.
+    pub is_interpolated: bool,
+    /// The frame has bad values, and electrodes that move leave no image without them.
+    pub is_lost: bool,
+}
+
+impl Movie {
+    /// For frames like these; `gain` is the factor from the model's voltages to the reference's.
+    pub fn new(
+        (scene, method, net): (&Scene, Method, Option<&Net>),
+        (setup, linearised, raster): (&Setup, &Linearised, &Raster),
+        given: (&Frames, f64),
+    ) -> Result<Self, SkinError> {
+        let models = (setup, linearised, raster);
+        let mut silent = Progress::silent();
+        let freed = match method.is_tv() {
+            true => movement::free(scene, method, (setup, linearised), given, &mut silent)?,
+            false => None,
+        };
+        let window = match (method.is_tv(), &freed) {
+            (false, _) => None,
+            (true, None) => Some(tv::stream(scene, method, models, given)?),
+            (true, Some(freed)) => {
+                let models = (setup, &freed.linearised, raster);
+                Some(tv::stream(&freed.scene, method, models, (&freed.frames, given.1))?)
+            }
+        };
+        let is_whole = scene.reconstruction.electrode_movement_m.is_some();
+        let mut words = match (method, &window) {
+            (Method::StTv, Some(tv)) => {
+                format!("st-tv over the last {} frames, {}", tv::WINDOW, tv.words())
+            }
+            (_, Some(tv)) => format!("total variation of each frame, {}", tv.words()),
+            (_, None) => "one-step Gauss-Newton, noise figure 1".to_owned(),
+        };
+        if let Some(movement_m) = scene.reconstruction.electrode_movement_m {
+            words += &format!(", {}", movement::words(movement_m));
+        }
+        if net.is_some() {
+            words += ", U-net";
+        }
+        let net = net.map(|net| LiveNet::new(net, scene, models, given)).transpose()?;
+        let pixels = raster.masked_pixels().len();
+        Ok(Self {
+            kind: scene.difference_kind(&setup.protocol),
+            words,
+            side: freed.map(|freed| freed.side),
+            is_whole,
+            window: window.map(|tv| tv.stream),
+            net,
+            raster: raster.clone(),
+            differences: vec![0.0; given.0.used.len()],
+            good: given.0.used.clone(),
+            used: given.0.used.clone(),
+            raw: vec![0.0; pixels],
+            made: vec![0.0; pixels],
+            state: State::default(),
+        })
+    }
+
+    /// Takes a frame; `one_step` is its image by the detector of touches.
+    pub fn push(
+        &mut self,
+        (values, reference): (&[f64], &[f64]),
+        is_good: impl Fn(usize) -> bool,
+        one_step: &[f64],
+    ) -> Result<(), SkinError> {
+        for (i, difference) in self.differences.iter_mut().enumerate() {
+            self.good[i] = is_good(i);
+            *difference = match (self.good[i], self.kind) {
+                (false, _) => f64::NAN,
+                (true, DifferenceKind::Plain) => values[i] - reference[i],
+                (true, DifferenceKind::Normalised) => (values[i] - reference[i]) / reference[i],
+            };
+        }
+        self.state = State::default();
+        let mut of_used = self.used.iter().zip(&self.good);
+        self.state.is_lost = self.is_whole && of_used.any(|(used, good)| *used && !*good);
+        if let Some(side) = &self.side {
+            side.whiten(&mut self.differences)?;
+        }
+        match &mut self.window {
+            Some(window) if self.state.is_lost => {
+                if let Some(image) = window.push_dropped().image {
+                    self.raw.copy_from_slice(image);
+                }
+            }
+            None => self.raw.copy_from_slice(one_step),
+            Some(window) => {
+                let step = match window.push(&self.differences, Some(&self.good)) {
+                    Err(InverseError::DeltaTooSmall { .. }) => {
+                        self.state.is_interpolated = true;
+                        window.push_dropped()
+                    }
+                    step => step?,
+                };
+                // a window of one frame that was dropped holds the image before
+                if let Some(image) = step.image {
+                    self.raw.copy_from_slice(image);
+                }
+                self.state.iterations = step.iterations;
+                self.state.gap = (!step.quiet).then(|| step.certificate.relative_gap());
+            }
+        }
+        if let Some(net) = &mut self.net {
+            let is_made = net.push(&self.raster, &self.raw, &self.differences, &mut self.made)?;
+            self.state.is_aside = !is_made;
+        }
+        Ok(())
+    }
+
+    /// How its images are made, for small print.
+    pub fn words(&self) -> &str {
+        &self.words
+    }
+
+    /// The image that is shown, a value for each pixel of the skin.
+    pub fn pixels(&self) -> &[f64] {
+        if self.net.is_some() { &self.made } else { &self.raw }
+    }
+
+    /// The image before the net, where there is one.
+    pub fn raw(&self) -> Option<&[f64]> {
+        self.net.is_some().then_some(&*self.raw)
+    }
+
+    /// The image after the net, where there is one: touches are found in it.
+    pub fn denoised(&self) -> Option<&[f64]> {
+        self.net.is_some().then_some(&*self.made)
+    }
+
+    /// How it came about.
+    pub fn state(&self) -> State {
+        self.state
+    }
+}

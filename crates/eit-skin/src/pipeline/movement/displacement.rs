@@ -1,0 +1,72 @@
+//! Which way electrodes may go, and what that does to the voltages.
+
+use crate::error::SkinError;
+use crate::pipeline::Setup;
+use crate::progress::Progress;
+use eit_fem::{Displacement, ElectrodeMotion};
+use eit_mesh::{Electrode, Mesh, Surface};
+use ndarray::Array2;
+
+/// Derivative of the background's voltages along the displacements of electrodes, [measurement,
+/// displacement], volt per metre.
+pub fn jacobian(
+    background: &[f64],
+    setup: &Setup,
+    progress: &mut Progress,
+) -> Result<Array2<f64>, SkinError> {
+    progress.stage("electrode movement", || {
+        let displacements = displacements(&setup.mesh)?;
+        let mut workspace = setup.model.workspace()?;
+        let mut solution = setup.solve(background, &mut workspace)?;
+        Ok(solution.movement_jacobian(&displacements)?)
+    })
+}
+
+/// Two for each electrode: along the rim and outward with the skin; of a patch, along the skin.
+fn displacements(mesh: &Mesh) -> Result<Vec<Displacement>, SkinError> {
+    let rim = [ElectrodeMotion::CarriedAlong, ElectrodeMotion::CarriedOutward];
+    let patches = mesh.electrodes().iter().filter(|e| matches!(e, Electrode::Patch(_))).count();
+    if patches == 0 {
+        let [along, outward] = rim.map(|motion| motion.displacements(mesh));
+        return Ok([along?, outward?].concat());
+    }
+    let mut found = Vec::with_capacity(2 * mesh.electrodes().len());
+    for (l, electrode) in mesh.electrodes().iter().enumerate() {
+        let motions = match electrode {
+            Electrode::Rim(_) => rim,
+            Electrode::Patch(triangles) => {
+                tangents(mesh.surface(), triangles).map(ElectrodeMotion::Carried)
+            }
+        };
+        for motion in motions {
+            found.push(motion.displacement(mesh, l)?);
+        }
+    }
+    Ok(found)
+}
+
+/// Two directions along the skin under a patch: perpendicular to each other and to its mean normal.
+fn tangents(surface: &Surface, triangles: &[u32]) -> [[f64; 3]; 2] {
+    let cross = |a: [f64; 3], b: [f64; 3]| {
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    };
+    let unit = |v: [f64; 3]| {
+        let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        v.map(|x| x / length)
+    };
+    let mut normal = [0.0; 3];
+    for &triangle in triangles {
+        let [a, b, c] = surface.corners(triangle as usize);
+        let side = |p: [f64; 3]| [p[0] - a[0], p[1] - a[1], p[2] - a[2]];
+        let twice_area = cross(side(b), side(c));
+        (0..3).for_each(|k| normal[k] += twice_area[k]);
+    }
+    let normal = unit(normal);
+    // the axis that is least along the normal, without its part across the skin
+    let least = (0..3).min_by(|&i, &k| normal[i].abs().total_cmp(&normal[k].abs())).unwrap_or(0);
+    let across = normal[least];
+    let mut axis = normal.map(|n| -across * n);
+    axis[least] += 1.0;
+    let first = unit(axis);
+    [first, cross(normal, first)]
+}

@@ -1,0 +1,38 @@
+//! Frames without the movement of electrodes, one by one.
+
+use crate::error::SkinError;
+use crate::scene::DifferenceKind;
+use eit_inverse::SideUnknowns;
+
+/// Takes the movement of electrodes out of a frame.
+pub struct Whitening {
+    side: SideUnknowns,
+    kind: DifferenceKind,
+    used: Vec<usize>,
+    /// `[measurement]`; zero where not used.
+    differences: Vec<f64>,
+    /// `[used measurement]`.
+    white: Vec<f64>,
+}
+
+impl Whitening {
+    /// For frames of which these measurements are used.
+    pub fn new(side: SideUnknowns, kind: DifferenceKind, used: &[bool]) -> Self {
+        let differences = vec![0.0; used.len()];
+        let used: Vec<usize> = (0..used.len()).filter(|&i| used[i]).collect();
+        Self { side, kind, white: vec![0.0; used.len()], used, differences }
+    }
+
+    /// What is left of a frame, `[used measurement]`.
+    pub fn of(&mut self, values: &[f64], reference: &[f64]) -> Result<&[f64], SkinError> {
+        for &i in &self.used {
+            self.differences[i] = match self.kind {
+                DifferenceKind::Plain => values[i] - reference[i],
+                DifferenceKind::Normalised => (values[i] - reference[i]) / reference[i],
+            };
+        }
+        self.side.whiten(&mut self.differences)?;
+        self.white.iter_mut().zip(&self.used).for_each(|(white, &i)| *white = self.differences[i]);
+        Ok(&self.white)
+    }
+}

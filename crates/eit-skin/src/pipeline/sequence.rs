@@ -1,0 +1,74 @@
+//! The classical methods that take a sequence of frames, on the elements of the mesh.
+
+use super::{Linearised, Setup};
+use crate::error::SkinError;
+use crate::method::Method;
+use crate::scene::Scene;
+use eit_inverse::baseline::{
+    AbsoluteGaussNewton, AbsoluteSettings, KalmanSettings, KalmanSmoother, OneStep, TimePrior,
+    TimePriorSettings,
+};
+use eit_inverse::{DifferenceSettings, MovieMethod, Prior};
+use eit_mesh::Raster;
+use ndarray::{Array2, ArrayView2};
+
+/// Distance of the background from a bound of the absolute method that lies on it: its map from
+/// numbers to conductivities needs room on both sides.
+const ROOM: f64 = 0.01;
+
+/// Sets up a method on elements; `settings` hold the hyperparameter. `None` for those of total
+/// variation, which work on pixels.
+pub fn method<'a>(
+    method: Method,
+    scene: &Scene,
+    (setup, linearised): (&'a Setup, &Linearised),
+    prior: &'a dyn Prior,
+    settings: DifferenceSettings,
+) -> Result<Option<Box<dyn MovieMethod + 'a>>, SkinError> {
+    let jacobian = &linearised.jacobian;
+    let difference = settings;
+    Ok(Some(match method {
+        Method::StTv | Method::Tv => return Ok(None),
+        Method::GaussNewton => Box::new(OneStep::new(jacobian, prior, &difference)?),
+        Method::TimePrior => {
+            let settings = TimePriorSettings { difference, ..Default::default() };
+            Box::new(TimePrior::new(jacobian, prior, &settings)?)
+        }
+        Method::Kalman => {
+            let settings = KalmanSettings { difference, ..Default::default() };
+            Box::new(KalmanSmoother::new(jacobian, prior, &settings)?)
+        }
+        Method::GaussNewtonAbsolute => {
+            let bounds_s = bounds_s(scene);
+            let settings = AbsoluteSettings { difference, bounds_s, ..Default::default() };
+            let background = vec![scene.skin.conductivity_s; setup.model.elements()];
+            Box::new(AbsoluteGaussNewton::new(&setup.model, &background, prior, settings)?)
+        }
+    }))
+}
+
+/// Bounds of the conductivity from those of its change.
+fn bounds_s(scene: &Scene) -> Option<[f64; 2]> {
+    let (keys, background) = (&scene.reconstruction, scene.skin.conductivity_s);
+    if keys.lower_s.is_none() && keys.upper_s.is_none() {
+        return None;
+    }
+    // the widest that the method takes by itself
+    let [least, most] = [1e-3 * background, 1e3 * background];
+    let lower = keys
+        .lower_s
+        .map_or(least, |lower| (background + lower).clamp(least, (1.0 - ROOM) * background));
+    let upper = keys
+        .upper_s
+        .map_or(most, |upper| (background + upper).clamp((1.0 + ROOM) * background, most));
+    Some([lower, upper])
+}
+
+/// A movie of elements as a movie of masked pixels, both [frame, value].
+pub fn pixels_of(
+    images: ArrayView2<'_, f64>,
+    raster: &Raster,
+) -> Result<Array2<f64>, SkinError> {
+    let pixels = raster.pixel_from_element().multiply_dense(images.t())?;
+    Ok(pixels.reversed_axes())
+}

@@ -1,0 +1,334 @@
+//! Touches of a recording: one-step images above a noise floor, followed over time, against a
+//! reference that follows drift.
+
+use super::imaging::{prior, settings};
+use super::movement::{self, TakenOut, Whitening};
+use super::noise::{self, DataNoise};
+use super::{Imaging, Linearised, Setup, check_images, difference_data, raster};
+use crate::error::SkinError;
+use crate::frames::Frames;
+use crate::progress::Progress;
+use crate::scene::{DifferenceKind, Scene, TouchSign};
+use eit_inverse::metrics::{Cells, ChangeSign};
+use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
+use eit_inverse::{
+    AdaptiveReference, Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget,
+    Reconstructor, ReferenceSettings, SideUnknowns, Workspace,
+};
+use eit_mesh::Raster;
+use ndarray::{ArrayView3, Axis};
+
+/// Frames a second where nobody says.
+const DEFAULT_RATE_HZ: f64 = 20.0;
+
+/// Touches of all frames, and what they rest on.
+pub struct Touches {
+    /// Frame (from 0), its time in seconds, a touch of it.
+    pub rows: Vec<(usize, f64, Touch)>,
+    /// Where a touch begins, in standard deviations of the image.
+    pub threshold: f64,
+    /// Independent cells of the image at that level.
+    pub effective_cells: f64,
+    /// False touches per hour that noise may make.
+    pub false_alarms_per_hour: f64,
+    /// Frames a second that this was counted with.
+    pub rate_hz: f64,
+    /// Where the noise came from.
+    pub noise_source: String,
+}
+
+impl Touches {
+    /// How many different ones.
+    pub fn count(&self) -> usize {
+        self.rows.iter().filter(|row| row.2.state == TouchState::Begin).count()
+    }
+
+    /// Most at once.
+    pub fn most(&self) -> usize {
+        let frames = self.rows.chunk_by(|a, b| a.0 == b.0);
+        let alive = |rows: &[(usize, f64, Touch)]| {
+            rows.iter().filter(|row| row.2.state != TouchState::End).count()
+        };
+        frames.map(alive).max().unwrap_or(0)
+    }
+
+    /// Places seen from +z of each frame's valid touches, metres.
+    pub fn marks(&self, frames: usize) -> Vec<Vec<[f64; 2]>> {
+        let mut marks = vec![Vec::new(); frames];
+        for (frame, _, touch) in self.rows.iter().filter(|row| row.2.valid) {
+            marks[*frame].push([touch.position_m[0], touch.position_m[1]]);
+        }
+        marks
+    }
+}
+
+/// Finds touches in the images of a net where there are some, [frame, row, column]; otherwise in the
+/// one-step images of frames, whatever method makes the pictures: their noise is known cell by cell,
+/// and its floor is well above the noise of a net's images. `None` where the noise of the data is
+/// unknown. `gain` as in [`noise::known`].
+pub fn touches(
+    scene: &Scene,
+    (setup, linearised): (&Setup, &Linearised),
+    (frames, gain): (&Frames, f64),
+    denoised: Option<ArrayView3<'_, f64>>,
+    progress: &mut Progress,
+) -> Result<Option<Touches>, SkinError> {
+    let rate_hz = frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
+    let finder = TouchFinder::new(scene, (setup, linearised), (frames, gain), rate_hz, progress)?;
+    let Some(mut finder) = finder else { return Ok(None) };
+    check_images(frames.values.nrows(), &finder.raster)?;
+    progress.stage("touches", || {
+        let mut rows = Vec::new();
+        let mut pixels = vec![0.0; finder.raster.masked_pixels().len()];
+        for frame in 0..frames.values.nrows() {
+            let time_s = frame as f64 / rate_hz;
+            let values = frames.values.row(frame).to_vec();
+            let good = frames.good.row(frame);
+            finder
+                .image(&values, |i| good[i], time_s)
+                .map_err(|e| e.within(&format!("frame {frame}")))?;
+            let denoised = match &denoised {
+                Some(images) => {
+                    let image = images.index_axis(Axis(0), frame);
+                    finder.raster.pixels_from_image_into(image, &mut pixels)?;
+                    Some(&*pixels)
+                }
+                None => None,
+            };
+            let found = finder.find(denoised, time_s)?;
+            rows.extend(found.iter().map(|touch| (frame, time_s, *touch)));
+        }
+        Ok(Some(Touches {
+            rows,
+            threshold: finder.stream.threshold(),
+            effective_cells: finder.stream.effective_cells(),
+            false_alarms_per_hour: finder.false_alarms_per_hour,
+            rate_hz,
+            noise_source: finder.noise_source,
+        }))
+    })
+}
+
+/// Finds touches frame by frame, recorded or live.
+pub struct TouchFinder {
+    /// Pixels of the images.
+    pub raster: Raster,
+    /// Where the noise came from.
+    pub noise_source: String,
+    used: Vec<bool>,
+    reconstructor: Reconstructor,
+    workspace: Workspace,
+    whitening: Option<Whitening>,
+    stream: TouchStream,
+    drift: Drift,
+    pixels: Vec<f64>,
+    bad: Vec<usize>,
+    touched: bool,
+    false_alarms_per_hour: f64,
+}
+
+impl TouchFinder {
+    /// For frames like these, at this rate; `None` where their noise is unknown. `gain` as in
+    /// [`noise::known`].
+    pub fn new(
+        scene: &Scene,
+        (setup, linearised): (&Setup, &Linearised),
+        (frames, gain): (&Frames, f64),
+        rate_hz: f64,
+        progress: &mut Progress,
+    ) -> Result<Option<Self>, SkinError> {
+        let kind = scene.difference_kind(&setup.protocol);
+        let data = difference_data(kind, linearised);
+        let Some(noise) = noise::known(scene, frames, (&data, gain))? else { return Ok(None) };
+        let models = (setup, linearised);
+        let (imaging, side) = detector(scene, models, (frames, &noise), progress)?;
+        let settings = stream_settings(scene, rate_hz);
+        let reconstructor = imaging.difference.on_raster(imaging.raster.pixel_from_element())?;
+        let std = if side.is_some() { vec![1.0; noise.std.len()] } else { noise.std.clone() };
+        let floor = NoiseFloor::of_reconstruction(&reconstructor, &std)?;
+        let cells = Cells::of_raster_on(&imaging.raster, setup.mesh.surface())?;
+        let false_alarms_per_hour = settings.false_alarms_per_hour;
+        Ok(Some(Self {
+            noise_source: noise.source.clone(),
+            used: frames.used.clone(),
+            whitening: side.map(|side| Whitening::new(side, kind, &frames.used)),
+            workspace: reconstructor.workspace(),
+            stream: TouchStream::new(cells, floor, settings)?,
+            drift: Drift::new(scene, kind, frames, &noise)?,
+            pixels: vec![0.0; imaging.raster.masked_pixels().len()],
+            bad: Vec::new(),
+            touched: false,
+            false_alarms_per_hour,
+            reconstructor,
+            raster: imaging.raster,
+        }))
+    }
+
+    /// Takes a frame: its reference and one-step image. [`find`](Self::find) is next.
+    pub fn image(
+        &mut self,
+        values: &[f64],
+        is_good: impl Fn(usize) -> bool,
+        time_s: f64,
+    ) -> Result<(), SkinError> {
+        self.bad.clear();
+        self.bad.extend((0..self.used.len()).filter(|&i| self.used[i] && !is_good(i)));
+        if self.bad.is_empty() {
+            self.drift.follow(values, time_s, self.touched)?;
+        }
+        let (memory, reference) = (&mut self.workspace, &self.drift.reference);
+        let pixels = &mut self.pixels;
+        match &mut self.whitening {
+            None => {
+                let bad = &self.bad;
+                self.reconstructor
+                    .reconstruct_without_into(values, reference, bad, memory, pixels)?;
+            }
+            Some(whitening) if self.bad.is_empty() => {
+                let white = whitening.of(values, reference)?;
+                self.reconstructor.reconstruct_difference_into(white, memory, pixels)?;
+            }
+            // measurements are mixed: a frame without some of them shows nothing
+            Some(_) => pixels.fill(0.0),
+        }
+        Ok(())
+    }
+
+    /// The touches of the frame at hand, in its one-step image or in another of its images.
+    pub fn find(&mut self, other: Option<&[f64]>, time_s: f64) -> Result<&[Touch], SkinError> {
+        let found = self.stream.push(other.unwrap_or(&self.pixels), time_s)?;
+        self.touched = found.iter().any(|touch| touch.state != TouchState::End);
+        Ok(found)
+    }
+
+    /// Change of conductivity at which a touch begins, the largest of all pixels, siemens.
+    pub fn level_s(&self) -> f64 {
+        let largest = self.stream.floor().std().iter().copied().fold(0.0, f64::max);
+        self.stream.threshold() * largest
+    }
+
+    /// What is subtracted from the frame at hand, `[measurement]`.
+    pub fn reference(&self) -> &[f64] {
+        &self.drift.reference
+    }
+
+    /// Measurements that count.
+    pub fn used(&self) -> &[bool] {
+        &self.used
+    }
+
+    /// The one-step image of the last frame, a value for each pixel of the skin.
+    pub fn pixels(&self) -> &[f64] {
+        &self.pixels
+    }
+}
+
+/// Refuses a scene whose `[touch]` cannot be, before any work.
+pub fn check(scene: &Scene) -> Result<(), SkinError> {
+    let refuse = |e| SkinError::input(format!("touch: {e}")).within(&scene.place);
+    stream_settings(scene, DEFAULT_RATE_HZ).validate().map_err(refuse)?;
+    reference_settings(scene).map_or(Ok(()), |settings| settings.validate().map_err(refuse))
+}
+
+/// The reference that drifts with the skin, over the used measurements.
+struct Drift {
+    /// `None`: it stands still.
+    adaptive: Option<AdaptiveReference>,
+    used: Vec<usize>,
+    /// Values of the used measurements.
+    values: Vec<f64>,
+    /// What to subtract now, `[measurement]`.
+    reference: Vec<f64>,
+}
+
+impl Drift {
+    fn new(
+        scene: &Scene,
+        kind: DifferenceKind,
+        frames: &Frames,
+        noise: &DataNoise,
+    ) -> Result<Self, SkinError> {
+        let used: Vec<usize> = (0..frames.used.len()).filter(|&i| frames.used[i]).collect();
+        let values: Vec<f64> = used.iter().map(|&i| frames.reference[i]).collect();
+        let unit = |&i: &usize| match kind {
+            DifferenceKind::Plain => noise.std[i],
+            DifferenceKind::Normalised => noise.std[i] * frames.reference[i].abs(),
+        };
+        let std: Vec<f64> = used.iter().map(unit).collect();
+        let adaptive = reference_settings(scene)
+            .map(|settings| AdaptiveReference::with_noise(&values, &std, settings))
+            .transpose()?;
+        Ok(Self { adaptive, used, values, reference: frames.reference.clone() })
+    }
+
+    /// Takes a frame whose used values are all good.
+    fn follow(&mut self, frame: &[f64], time_s: f64, touched: bool) -> Result<(), SkinError> {
+        let Some(adaptive) = &mut self.adaptive else { return Ok(()) };
+        self.values.iter_mut().zip(&self.used).for_each(|(value, &i)| *value = frame[i]);
+        adaptive.push(&self.values, time_s, touched)?;
+        for (&i, value) in self.used.iter().zip(adaptive.reference()) {
+            self.reference[i] = *value;
+        }
+        Ok(())
+    }
+}
+
+/// `None` where `touch.drift_time_s` is 0: the reference stands still.
+fn reference_settings(scene: &Scene) -> Option<ReferenceSettings> {
+    let default = ReferenceSettings::default();
+    let time_constant_s = scene.touch.drift_time_s.unwrap_or(default.time_constant_s);
+    (time_constant_s != 0.0).then_some(ReferenceSettings { time_constant_s, ..default })
+}
+
+/// One-step reconstruction weighted by the noise, at noise figure 1: an image as noisy as its data.
+/// Where electrodes move, that is taken out first, and the prior stays.
+fn detector(
+    scene: &Scene,
+    (setup, linearised): (&Setup, &Linearised),
+    (frames, noise): (&Frames, &DataNoise),
+    progress: &mut Progress,
+) -> Result<(Imaging, Option<SideUnknowns>), SkinError> {
+    let kind = scene.difference_kind(&setup.protocol);
+    let mut settings = settings(scene, setup, linearised, &frames.used)?;
+    settings.noise_std = Some(noise.std.clone());
+    let prior = prior(scene, setup)?;
+    let (difference, chosen, side) = progress.stage("detector of touches", || {
+        let mut difference = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
+        let target = NoiseTarget::central(setup.mesh.surface(), &linearised.jacobian)?;
+        let figure = super::DEFAULT_NOISE_FIGURE;
+        let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
+        let chosen = difference.choose_hyperparameter(&choice)?;
+        let (models, of_noise) = ((setup, linearised), (noise, &frames.used[..]));
+        let taken = movement::take_out(scene, models, of_noise, Some(&difference))?;
+        let Some(TakenOut { side, linearised, .. }) = taken else {
+            return Ok((difference, chosen, None));
+        };
+        let used = Some(frames.used.clone());
+        let settings = DifferenceSettings { used, ..Default::default() };
+        let mut left = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
+        left.set_prior_of(&difference)?;
+        Ok::<_, SkinError>((left, chosen, Some(side)))
+    })?;
+    let raster = raster(scene, setup, progress)?;
+    let rule = "noise figure 1".to_owned();
+    Ok((Imaging { difference, chosen, rule, raster, kind }, side))
+}
+
+fn stream_settings(scene: &Scene, frame_rate_hz: f64) -> TouchStreamSettings {
+    let (keys, default) = (&scene.touch, TouchStreamSettings::default());
+    TouchStreamSettings {
+        sign: match keys.sign {
+            TouchSign::Increase => ChangeSign::Increase,
+            TouchSign::Decrease => ChangeSign::Decrease,
+        },
+        false_alarms_per_hour: keys.false_alarms_per_hour.unwrap_or(default.false_alarms_per_hour),
+        frame_rate_hz,
+        max_touches: keys.max_touches.unwrap_or(default.max_touches),
+        birth_hits: keys.birth_hits.unwrap_or(default.birth_hits),
+        birth_frames: keys.birth_frames.unwrap_or(default.birth_frames),
+        forgiven_frames: keys.forgiven_frames.unwrap_or(default.forgiven_frames),
+        relative_floor: keys.relative_floor.unwrap_or(default.relative_floor),
+        prominence: keys.prominence.unwrap_or(default.prominence),
+        ..default
+    }
+}

@@ -1,0 +1,312 @@
+//! Total variation: its Jacobian on pixels, its weights, and the frames that need no solve.
+
+mod live;
+
+pub use live::{WINDOW, stream};
+
+use super::noise::DataNoise;
+use super::part::Part;
+use super::{Linearised, Setup};
+use crate::error::SkinError;
+use crate::frames::Frames;
+use crate::method::Method;
+use crate::progress::Progress;
+use crate::scene::{Delta, DeltaRule, DifferenceKind, Reconstruction, Scene};
+use eit_inverse::{
+    ChosenWeights, Differences, Fidelity, Gradient, Movie, MovieReport, StTv, StTvSettings, Stop,
+    WeightStatus,
+};
+use eit_mesh::Raster;
+use ndarray::{Array2, ArrayView1};
+use std::time::Duration;
+
+/// Relative gap that is good enough where the scene states none: images no longer change visibly.
+pub const DEFAULT_TARGET_GAP: f64 = 1e-2;
+
+/// Part of the weights of the discrepancy principle that is used: that principle is known to smooth
+/// too much. Measured on simulated fingers (bells and pads, one and two, slow and fast, 32 pixels):
+/// a quarter lowers the relative error by 8 to 20 % at 40 to 70 dB of noise and keeps every touch;
+/// structural similarity falls at 40 dB only. With an eighth it falls up to 60 dB.
+const SHARE: f64 = 0.25;
+
+/// Length of the exchange between weights in space and time, as a part of the raster's side: about
+/// what 16 electrodes resolve, whatever the pixels. A patch of this length that changes from one
+/// frame to the next costs as much as an edge along its side. Measured as above: four times the
+/// length leaves noise in slow fingers, a quarter smears fast ones.
+const TIME_LENGTH: f64 = 1.0 / 32.0;
+
+/// The Jacobian on pixels, `[measurement, masked pixel]`: `J` of elements times the elements of a
+/// pixel image, rows divided by the model's voltages for normalised data.
+pub fn pixel_jacobian(
+    linearised: &Linearised,
+    raster: &Raster,
+    kind: DifferenceKind,
+    used: &[bool],
+) -> Result<Array2<f64>, SkinError> {
+    let from_pixel = raster.element_from_pixel();
+    let mut jacobian = from_pixel.premultiply_dense(linearised.jacobian.view())?;
+    for ((mut row, used), voltage) in
+        jacobian.rows_mut().into_iter().zip(used).zip(&linearised.voltages)
+    {
+        match kind {
+            // never looked at, and its voltage may be zero
+            _ if !used => row.fill(0.0),
+            DifferenceKind::Normalised => row.mapv_inplace(|j| j / voltage),
+            DifferenceKind::Plain => {}
+        }
+    }
+    Ok(jacobian)
+}
+
+/// Weight in space over weight in time, metres.
+pub fn time_length_m(raster: &Raster) -> f64 {
+    TIME_LENGTH * raster.pixel_m() * raster.pixels() as f64
+}
+
+/// Sets up the solver of a method with the scene's bounds; its weights are still to be chosen.
+pub fn solver(
+    jacobian: &Array2<f64>,
+    raster: &Raster,
+    (method, keys): (Method, &Reconstruction),
+    noise_std: Option<Vec<f64>>,
+    used: &[bool],
+) -> Result<StTv, SkinError> {
+    let gradient = Gradient::pixels(raster.mask(), raster.pixel_m())?;
+    let settings = StTvSettings {
+        lambda_time: if has_time(method, keys) { 1.0 } else { 0.0 },
+        lower_s: keys.lower_s.unwrap_or(f64::NEG_INFINITY),
+        upper_s: keys.upper_s.unwrap_or(f64::INFINITY),
+        noise_std,
+        used: Some(used.to_vec()),
+        ..Default::default()
+    };
+    Ok(StTv::new(jacobian, &gradient, settings)?)
+}
+
+/// Whether the method has a term in time.
+fn has_time(method: Method, keys: &Reconstruction) -> bool {
+    method == Method::StTv && keys.lambda_time != Some(0.0)
+}
+
+/// When the scene wants the iteration to stop.
+pub fn stop(keys: &Reconstruction) -> Stop {
+    Stop {
+        target_gap: keys.target_gap.unwrap_or(DEFAULT_TARGET_GAP),
+        // what no clock can count (584 thousand million years) is no deadline
+        deadline: keys.deadline_s.and_then(|limit_s| Duration::try_from_secs_f64(limit_s).ok()),
+        ..Default::default()
+    }
+}
+
+/// The weights in use and how they came about.
+pub struct Weights {
+    pub lambda_space: f64,
+    pub lambda_time: f64,
+    /// Radius of the constrained form, in units of the noise where that is known.
+    pub delta: Option<f64>,
+    /// Where they came from, in words.
+    pub rule: String,
+    /// The search, where there was one.
+    pub chosen: Option<ChosenWeights>,
+}
+
+/// A sequence reconstructed by total variation.
+pub struct TvMovie {
+    /// Siemens, [frame, masked pixel].
+    pub pixels: Array2<f64>,
+    /// The solve; `None` where every frame is quiet.
+    pub report: Option<MovieReport>,
+    /// Residual of each frame, in units of the noise; `None` for a quiet one.
+    pub residual: Vec<Option<f64>>,
+    /// Weights; `None` where every frame is quiet.
+    pub weights: Option<Weights>,
+    /// Noise that the data is weighted by; `None`: equal in all and of unknown size.
+    pub noise: Option<DataNoise>,
+    /// Frames that do not differ from the reference beyond noise.
+    pub quiet: Vec<bool>,
+    /// Whether the other frames do not differ from each other, so that one image serves all.
+    pub still: bool,
+    /// Independent directions of the data.
+    pub rank: usize,
+    /// Measurements of the reconstruction.
+    pub used: usize,
+}
+
+/// Reconstructs a sequence: quiet frames are skipped, a still scene is one frame, weights are those
+/// of the scene or chosen from the noise. `gain` is the factor from the model's voltages to the
+/// reference's. Long, but one chain: each step decides what the next has to do.
+pub fn reconstruct(
+    scene: &Scene,
+    method: Method,
+    (setup, linearised, raster): (&Setup, &Linearised, &Raster),
+    (frames, gain): (&Frames, f64),
+    progress: &mut Progress,
+) -> Result<TvMovie, SkinError> {
+    let keys = &scene.reconstruction;
+    let kind = scene.difference_kind(&setup.protocol);
+    let data = super::difference_data(kind, linearised);
+    let known = super::noise::known(scene, frames, (&data, gain))?;
+    if known.is_none() && matches!(keys.delta, Some(Delta::Rule(_))) {
+        return Err(SkinError::input(
+            "delta = \"noise\" needs the noise: state [noise] additive_v or quiet_frames",
+        ));
+    }
+    let jacobian = pixel_jacobian(linearised, raster, kind, &frames.used)?;
+    let set_up = |method: Method, noise: Option<&DataNoise>| {
+        let noise_std = noise.map(|noise| noise.std.clone());
+        solver(&jacobian, raster, (method, keys), noise_std, &frames.used)
+    };
+    let values = frames.differences(kind);
+    let good = &frames.good & &ArrayView1::from(&frames.used);
+    let quiet = match &known {
+        Some(noise) => progress.stage("quiet frames", || {
+            let all = Differences { values: values.view(), good: Some(good.view()) };
+            Ok::<_, SkinError>(set_up(method, Some(noise))?.quiet_frames(&all)?)
+        })?,
+        None => vec![false; values.nrows()],
+    };
+    let mut part = Part::new(&values, &good, &quiet);
+    let mut movie = TvMovie {
+        pixels: Array2::zeros((values.nrows(), raster.masked_pixels().len())),
+        report: None,
+        residual: vec![None; values.nrows()],
+        weights: None,
+        rank: 0,
+        used: frames.used.iter().filter(|used| **used).count(),
+        still: known.as_ref().is_some_and(|noise| part.is_still(noise)),
+        noise: known,
+        quiet,
+    };
+    if part.frames.is_empty() {
+        return Ok(movie);
+    }
+    if movie.still {
+        movie.noise = movie.noise.map(|noise| noise.of_mean(part.frames.len()));
+        part.take_mean();
+    }
+    movie.noise = weighting(movie.noise, keys, &part);
+    // one image has nothing to couple in time, and its report says so
+    let method = if part.values.nrows() == 1 { Method::Tv } else { method };
+    let mut solver =
+        progress.stage("set-up of total variation", || set_up(method, movie.noise.as_ref()))?;
+    movie.rank = solver.rank();
+    let differences = Differences { values: part.values.view(), good: Some(part.good.view()) };
+    let length_m = time_length_m(raster);
+    let of_recording = |error| part.of_recording(error);
+    let weights = progress
+        .stage("weights", || weights(&mut solver, keys, &differences, (length_m, movie.used)))?;
+    let found = progress
+        .stage("total variation", || solver.solve(&differences, &stop(keys)))
+        .map_err(of_recording)?;
+    movie.weights = Some(weights);
+    movie.take(found, &part.frames);
+    Ok(movie)
+}
+
+/// Whether no frame of a recording differs from the others beyond noise, as far as the noise is
+/// known. [`reconstruct`] looks again, at those that are not quiet.
+pub fn is_still(
+    scene: &Scene,
+    setup: &Setup,
+    linearised: &Linearised,
+    frames: &mut Frames,
+) -> Result<bool, SkinError> {
+    let kind = scene.difference_kind(&setup.protocol);
+    let voltages = linearised.voltages.to_vec();
+    let fit = frames.fit_model(&voltages, kind, scene.skin.conductivity_s)?;
+    let data = super::difference_data(kind, linearised);
+    let Some(noise) = super::noise::known(scene, frames, (&data, fit.gain))? else {
+        return Ok(false);
+    };
+    let good = &frames.good & &ArrayView1::from(&frames.used);
+    let none_quiet = vec![false; frames.values.nrows()];
+    Ok(Part::new(&frames.differences(kind), &good, &none_quiet).is_still(&noise))
+}
+
+/// The noise to weight by: with the model's error where the weights follow from it. Numbers that are
+/// given mean the noise alone, or none, and a guess must not change their meaning.
+fn weighting(known: Option<DataNoise>, keys: &Reconstruction, part: &Part) -> Option<DataNoise> {
+    if keys.lambda_space.is_some() || matches!(keys.delta, Some(Delta::Value(_))) {
+        return known;
+    }
+    Some(match known {
+        Some(noise) => noise.with_model_error(&part.values, &part.good),
+        None => DataNoise::unknown(&part.values, &part.good),
+    })
+}
+
+/// Sets the weights of the scene, or chooses them by the noise.
+fn weights(
+    solver: &mut StTv,
+    keys: &Reconstruction,
+    frames: &Differences<'_>,
+    (length_m, used): (f64, usize),
+) -> Result<Weights, SkinError> {
+    let delta = keys.delta.map(|delta| match delta {
+        Delta::Value(value) => value,
+        Delta::Rule(DeltaRule::Noise) => (used as f64).sqrt(),
+    });
+    if delta.is_none() && keys.lambda_space.is_none() {
+        return chosen_weights(solver, frames, length_m);
+    }
+    // constrained by delta, only their ratio matters
+    let lambda_space = keys.lambda_space.unwrap_or(1.0);
+    let lambda_time = match keys.lambda_time {
+        _ if solver.settings().lambda_time == 0.0 => 0.0,
+        Some(weight) => weight,
+        None => lambda_space / length_m,
+    };
+    let fidelity = delta.map_or(Fidelity::Penalised, |delta| Fidelity::Constrained { delta });
+    solver.set_weights(lambda_space, lambda_time, fidelity)?;
+    let rule = match keys.delta {
+        Some(Delta::Rule(DeltaRule::Noise)) => "delta by the noise",
+        _ => "fixed by the scene",
+    };
+    Ok(Weights { lambda_space, lambda_time, delta, rule: rule.to_owned(), chosen: None })
+}
+
+/// Chooses the weights by the discrepancy principle, with the model's error as noise where that is
+/// larger.
+///
+/// Where no weight brings the residual down to the noise, what is left at the smallest ones is the
+/// model's error (linearisation, contact impedances, shape). Weights so small only fit that error,
+/// and images are wild. It is taken as noise instead: the search began at the weight that holds
+/// noise of one standard deviation, so that many times this weight hold the error.
+pub fn chosen_weights(
+    solver: &mut StTv,
+    frames: &Differences<'_>,
+    length_m: f64,
+) -> Result<Weights, SkinError> {
+    let chosen = solver.choose_weights(frames, length_m)?;
+    let (factor, rule) = match (chosen.status, chosen.curve.last()) {
+        (WeightStatus::AtLowerEdge, Some(start)) => (
+            chosen.residual * start.lambda_space / chosen.lambda_space,
+            format!("model error, {:.1} times the noise", chosen.residual),
+        ),
+        (WeightStatus::Flattened, _) => {
+            (1.0, format!("corner of the L-curve, {:.1} times the noise", chosen.residual))
+        }
+        _ => (1.0, "discrepancy principle".to_owned()),
+    };
+    let lambda_space = SHARE * factor * chosen.lambda_space;
+    let lambda_time = SHARE * factor * chosen.lambda_time;
+    solver.set_weights(lambda_space, lambda_time, Fidelity::Penalised)?;
+    Ok(Weights { lambda_space, lambda_time, delta: None, rule, chosen: Some(chosen) })
+}
+
+impl TvMovie {
+    /// Number of quiet frames.
+    pub fn quiet_count(&self) -> usize {
+        self.quiet.iter().filter(|quiet| **quiet).count()
+    }
+
+    /// Puts the images of a solve in the places of its frames; one image may serve several.
+    fn take(&mut self, found: Movie, frames: &[usize]) {
+        let last = found.images.nrows().saturating_sub(1);
+        for (k, &frame) in frames.iter().enumerate() {
+            self.pixels.row_mut(frame).assign(&found.images.row(k.min(last)));
+            self.residual[frame] = found.report.residual.get(k.min(last)).copied();
+        }
+        self.report = Some(found.report);
+    }
+}

@@ -1,0 +1,114 @@
+//! What is to be expected of a scene's images: as measured on the built-in scene most like it.
+
+use crate::error::SkinError;
+use crate::plan::machine::Machine;
+use crate::plan::measured::{BUDGETS_S, Measured, Nearest, Table, best, nearest, suits};
+use crate::method::Method;
+use crate::pipeline::tv::DEFAULT_TARGET_GAP;
+use crate::pipeline::{DEFAULT_PIXELS, Setup};
+use crate::scene::Scene;
+use serde_json::{Value, json};
+
+/// Error, cost, and what would be better for the time a frame may take.
+pub struct Expected {
+    pub nearest: Nearest,
+    /// The scene's method there.
+    pub row: Option<Measured>,
+    /// Budget, whether live, and the best within it.
+    best: Vec<(f64, bool, Option<Measured>)>,
+    machine: Machine,
+}
+
+/// The scene as `frame_time_s` would find it if the user had not yet chosen, and had stated the noise:
+/// bounds and rule stay.
+fn open(scene: &Scene) -> Scene {
+    let mut scene = scene.clone();
+    let keys = &mut scene.reconstruction;
+    (keys.method, keys.pixels, keys.target_gap) = (None, None, None);
+    scene.noise.additive_v.get_or_insert(1.0);
+    scene
+}
+
+impl Expected {
+    /// Looks the scene up. `voltages` are those of the untouched skin.
+    pub fn of(
+        scene: &Scene,
+        setup: &Setup,
+        (method, frames): (Method, Option<usize>),
+        voltages: &[f64],
+        machine: &Machine,
+    ) -> Result<Self, SkinError> {
+        let table = Table::load()?;
+        let nearest = nearest(scene, setup, frames, voltages);
+        let keys = &scene.reconstruction;
+        let pixels = keys.pixels.unwrap_or(DEFAULT_PIXELS);
+        let gap = keys.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
+        let row = table.of(nearest.scene, (scene, method), (pixels, gap)).cloned();
+        let wishes = open(scene);
+        let rows = table.of_scene(nearest.scene).filter(|row| suits(&wishes, row));
+        let of = |live| {
+            BUDGETS_S.map(|budget| (budget, live, best(rows.clone(), (budget, live)).cloned()))
+        };
+        let best = [of(false), of(true)].concat();
+        Ok(Self { nearest, row, best, machine: machine.clone() })
+    }
+
+    /// Relative error of the images.
+    pub fn error(&self) -> Option<f64> {
+        self.row.as_ref().map(|row| row.relative_error)
+    }
+
+    /// Lines of the plan.
+    pub fn words(&self) -> Vec<String> {
+        let Nearest { scene, why } = &self.nearest;
+        let mut lines = vec![match &self.row {
+            Some(row) => format!(
+                "expected error of the images: {:.2} of the truth's norm (1: an empty image), as {} \
+                 measured on {scene}, the built-in scene most like this one ({why})",
+                row.relative_error,
+                row.words()
+            ),
+            None => format!("expected error of the images: not measured on {scene} ({why})"),
+        }];
+        lines.push(
+            "least error within the time of a frame, of what this scene allows once its noise is \
+             stated (frame_time_s takes it), and the time here"
+                .to_owned(),
+        );
+        for (budget_s, live, row) in &self.best {
+            let kind = if *live { "live" } else { "recorded" };
+            let found = row.as_ref().map_or_else(
+                || "nothing that the scene allows is so fast".to_owned(),
+                |row| {
+                    let time_ms = row.cost_ms_a_frame * row.slowness(&self.machine);
+                    format!("{}: error {:.2}, {time_ms:.2} ms", row.words(), row.relative_error)
+                },
+            );
+            lines.push(format!("  {:>4} ms, {kind:<9} {found}", 1e3 * budget_s));
+        }
+        lines
+    }
+
+    /// For programs.
+    pub fn json(&self) -> Value {
+        let one = |(budget_s, live, row): &(f64, bool, Option<Measured>)| {
+            json!({
+                "budget_s": budget_s,
+                "live": live,
+                "solver": row.as_ref().map(Measured::label),
+                "pixels": row.as_ref().and_then(|row| row.pixels),
+                "target_gap": row.as_ref().and_then(|row| row.target_gap),
+                "relative_error": row.as_ref().map(|row| row.relative_error),
+                "expected_time_s": row.as_ref().map(|row| {
+                    1e-3 * row.cost_ms_a_frame * row.slowness(&self.machine)
+                }),
+            })
+        };
+        json!({
+            "measured_on": self.nearest.scene,
+            "because": self.nearest.why,
+            "relative_error": self.error(),
+            "best": self.best.iter().map(one).collect::<Vec<_>>(),
+        })
+    }
+}

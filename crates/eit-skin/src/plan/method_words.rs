@@ -1,0 +1,84 @@
+//! What drives total variation on a scene: noise, bounds, frames.
+
+use super::sequence::Sequence;
+use crate::method::Method;
+use crate::scene::{Delta, Scene};
+
+/// Lines for the plan; none for methods that a hyperparameter drives.
+pub fn of(scene: &Scene, method: Method, sequence: Sequence) -> Vec<String> {
+    if !method.is_tv() {
+        return Vec::new();
+    }
+    let mut lines = vec![noise(scene), weights(scene)];
+    let keys = &scene.reconstruction;
+    if keys.lower_s.is_some() || keys.upper_s.is_some() {
+        let bound = |value: Option<f64>, none| {
+            value.map_or_else(|| String::from(none), |value| format!("{value:e} S"))
+        };
+        lines.push(format!(
+            "bounds: changes of conductivity from {} to {}",
+            bound(keys.lower_s, "any"),
+            bound(keys.upper_s, "any")
+        ));
+    }
+    let known = scene.noise.additive_v.is_some() || scene.noise.quiet_frames.is_some();
+    if known {
+        lines.push(
+            "frames that do not differ from the reference beyond noise are not solved: image zero"
+                .to_owned(),
+        );
+    }
+    lines.push(coupling(scene, method, sequence, known));
+    lines
+}
+
+fn noise(scene: &Scene) -> String {
+    match (scene.noise.additive_v, scene.noise.quiet_frames.map(|frames| frames.0)) {
+        (Some(additive_v), _) => format!("noise: {additive_v:e} V in a voltage, from the scene"),
+        (_, Some([first, last])) => format!("noise: measured on quiet frames {first} to {last}"),
+        _ => "noise: measured on the reference frames where they are several, else the error of \
+              the model alone"
+            .to_owned(),
+    }
+}
+
+fn weights(scene: &Scene) -> String {
+    let keys = &scene.reconstruction;
+    match (keys.delta, keys.lambda_space) {
+        (Some(Delta::Value(delta)), _) => {
+            format!("data: each frame within delta = {delta:e}, from the scene")
+        }
+        (Some(Delta::Rule(_)), _) => "data: each frame within its noise".to_owned(),
+        (None, Some(weight)) => format!("weights: lambda_space {weight:e}, from the scene"),
+        (None, None) => "weights: by the discrepancy principle from the noise; from the error of \
+                         the model where that is larger"
+            .to_owned(),
+    }
+}
+
+/// What becomes of the term in time.
+fn coupling(scene: &Scene, method: Method, sequence: Sequence, known: bool) -> String {
+    let none = method == Method::Tv || scene.reconstruction.lambda_time == Some(0.0);
+    let couples = match sequence {
+        Sequence::Frames(1) => {
+            return "time term: dropped, one frame is plain total variation".to_owned();
+        }
+        Sequence::Still(count) => {
+            return format!(
+                "time term: dropped, the {count} frames do not differ from each other beyond noise \
+                 (a static scene): one image of their mean by plain total variation"
+            );
+        }
+        _ if none => return "time term: none, plain total variation of each frame".to_owned(),
+        Sequence::Frames(count) => format!("time term: couples {count} frames"),
+        Sequence::Unknown => {
+            "time term: couples the frames; dropped for a single one (plain total \
+                              variation)"
+                .to_owned()
+        }
+    };
+    // frames beside the quiet ones may still be alike, which the plan does not look for
+    let still = "dropped, with one image of the mean, where the frames do not differ from each \
+                 other beyond noise (a static scene)";
+    if known { format!("{couples}; {still}") } else { couples }
+}

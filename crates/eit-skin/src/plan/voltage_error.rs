@@ -1,0 +1,129 @@
+//! What the mesh does to the voltages, beside what the instrument's noise does.
+
+use crate::error::SkinError;
+use crate::pipeline::mesh_choice::{self, Accuracy, words};
+use crate::pipeline::{Setup, series};
+use crate::scene::{AccuracyKeys, AccuracyRule, Scene};
+use eit_fem::{Elements, ModelCost};
+use serde_json::{Value, json};
+
+/// Degree of the mesh-free series: the two digits printed do not change from degree 8 to 24 on the
+/// paper-disc.
+const PLAN_DEGREE: usize = 12;
+
+/// Errors of the untouched skin's voltages, each over the largest voltage.
+pub struct VoltageError {
+    /// Of the discretisation; `None` where nothing can judge it.
+    pub of_mesh: Option<f64>,
+    /// What judged it.
+    against: &'static str,
+    /// Standard deviation of the instrument's noise, where the scene states it.
+    noise: Option<f64>,
+    /// Whether the mesh was chosen for the noise.
+    by_noise: bool,
+    accuracy: Option<Accuracy>,
+    elements: Elements,
+    cost: ModelCost,
+}
+
+impl VoltageError {
+    /// By the mesh-free series where there is one, else by better elements or a finer mesh.
+    pub fn of(scene: &Scene, setup: &Setup, found: &[f64]) -> Result<Self, SkinError> {
+        let largest = found.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let elements = setup.model.element_kind();
+        let chosen = setup.accuracy.as_ref().map(|accuracy| accuracy.error);
+        let (of_mesh, against) = match (series::disc_voltages(scene, setup, PLAN_DEGREE)?, chosen) {
+            (Some(exact), _) => {
+                let pairs = exact.iter().zip(found);
+                let error = pairs.fold(0.0_f64, |m, (exact, found)| m.max((exact - found).abs()));
+                (Some(error / largest), "the mesh-free series")
+            }
+            (None, Some(estimate)) => (estimate, "the meshes that it was chosen among"),
+            (None, None) => (
+                mesh_choice::estimate(scene, setup)?,
+                match elements {
+                    Elements::Linear => "quadratic elements on the same mesh",
+                    Elements::Quadratic => "quadratic elements on twice the nodes",
+                },
+            ),
+        };
+        Ok(Self {
+            of_mesh,
+            against,
+            noise: scene.noise.additive_v.map(|noise_v| noise_v / largest),
+            by_noise: matches!(
+                scene.mesh.required_accuracy,
+                Some(AccuracyKeys::Rule(AccuracyRule::Noise))
+            ),
+            accuracy: setup.accuracy.clone(),
+            elements,
+            cost: setup.model.cost(),
+        })
+    }
+
+    /// Lines of the plan.
+    pub fn words(&self) -> Vec<String> {
+        let mut lines = vec![match self.of_mesh {
+            Some(error) => format!(
+                "expected error of the voltages on this mesh: {error:.1e} of the largest \
+                 (homogeneous skin, against {})",
+                self.against
+            ),
+            None => "expected error of the voltages: not known (on the mesh of a file, or with \
+                     shunts and ideal sources, nothing here can judge these elements); compare \
+                     with a finer mesh"
+                .to_owned(),
+        }];
+        lines.push(match (self.noise, self.of_mesh) {
+            (Some(noise), Some(error)) => format!(
+                "noise of the instrument: {noise:.1e} of the largest voltage, {}",
+                if error <= noise {
+                    format!("{:.1} times the error of the mesh", noise / error)
+                } else if self.accuracy.is_some() {
+                    format!("{:.1} times less than the error of the mesh", error / noise)
+                } else {
+                    format!(
+                        "{:.1} times less than the error of the mesh, which differences from a \
+                         reference frame cancel in part; required_accuracy = \"noise\" in [mesh] \
+                         chooses a mesh below the noise",
+                        error / noise
+                    )
+                }
+            ),
+            (Some(noise), None) => {
+                format!("noise of the instrument: {noise:.1e} of the largest voltage")
+            }
+            (None, _) => "noise of the instrument: not stated; with noise.additive_v and \
+                          required_accuracy = \"noise\" in [mesh] the mesh is chosen for it"
+                .to_owned(),
+        });
+        lines.extend(self.accuracy.as_ref().map(|accuracy| self.choice(accuracy)));
+        lines
+    }
+
+    /// How the mesh was chosen.
+    fn choice(&self, accuracy: &Accuracy) -> String {
+        let finest = accuracy.trials.iter().map(|trial| trial.nodes).max();
+        format!(
+            "mesh chosen for {}: {} elements with {} unknowns; {}{}",
+            if self.by_noise { "the noise" } else { "the required accuracy" },
+            words(self.elements),
+            self.cost.unknowns,
+            accuracy.words(),
+            finest.map_or_else(String::new, |nodes| format!(
+                " ({} solves on meshes of up to {nodes} nodes judged it, once)",
+                accuracy.trials.len()
+            ))
+        )
+    }
+
+    /// For programs.
+    pub fn json(&self) -> Value {
+        json!({
+            "of_mesh": self.of_mesh,
+            "against": self.against,
+            "noise": self.noise,
+            "choice": self.accuracy.as_ref().map(Accuracy::json),
+        })
+    }
+}

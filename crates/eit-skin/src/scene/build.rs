@@ -1,0 +1,259 @@
+//! From the scene's keys to the settings of the library crates.
+
+use super::mesh::{SceneElectrodes, SceneMesh};
+use super::{
+    AccuracyKeys, AccuracyRule, DifferenceKind, Direction, ElementKeys, OneOrMany, Pair, Position,
+    Scene, Shape, plain,
+};
+use crate::error::SkinError;
+use eit_fem::{Elements, Protocol, RequiredAccuracy};
+use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
+
+impl Scene {
+    /// The kind of finite elements that the scene names, or asks for: derivatives along movement of
+    /// electrodes are those of linear ones.
+    pub fn elements(&self) -> Option<Elements> {
+        match self.mesh.elements {
+            Some(ElementKeys::Linear) => Some(Elements::Linear),
+            Some(ElementKeys::Quadratic) => Some(Elements::Quadratic),
+            None => self.reconstruction.electrode_movement_m.map(|_| Elements::Linear),
+        }
+    }
+
+    /// The accuracy that the mesh is chosen for, if the scene requires one.
+    pub fn required_accuracy(&self) -> Result<Option<RequiredAccuracy>, SkinError> {
+        let key = "noise.additive_v";
+        Ok(match &self.mesh.required_accuracy {
+            None => None,
+            Some(AccuracyKeys::Relative(value)) => Some(RequiredAccuracy::Relative(*value)),
+            Some(AccuracyKeys::Rule(AccuracyRule::Noise)) => {
+                let why = "mesh.required_accuracy = \"noise\"";
+                Some(RequiredAccuracy::Volts(self.needed(self.noise.additive_v, key, why)?))
+            }
+        })
+    }
+
+    /// The mesh this scene asks for, checked; `nodes` overrides its density.
+    pub fn mesh(&self, nodes: Option<usize>) -> Result<SceneMesh, SkinError> {
+        let mut settings = self.mesh_settings()?;
+        if let Shape::Mesh = self.skin.shape {
+            if nodes.is_some() {
+                return Err(self.error("--nodes is for generated meshes, not for files".to_owned()));
+            }
+            let file = self.needed(self.skin.file.as_deref(), "skin.file", "shape = \"mesh\"")?;
+            let electrodes = match self.electrodes.positions_m {
+                Some(_) => self.placed()?,
+                None => Vec::new(),
+            };
+            let (path, scale_m) = (self.resolve(file), self.skin.scale_m.unwrap_or(1.0));
+            return Ok(SceneMesh::File { path, scale_m, electrodes, settings });
+        }
+        let shape = self.shape()?;
+        let electrodes = self.electrodes()?;
+        let nodes = nodes.or(self.mesh.nodes);
+        match &electrodes {
+            SceneElectrodes::Rim(rim) => {
+                rim.validate(&shape.outline()?)?;
+                if let Some(nodes) = nodes {
+                    settings = settings.for_nodes(&shape, rim, nodes)?;
+                }
+            }
+            SceneElectrodes::Placed(placed) => {
+                PlacedElectrode::validate(placed, &shape)?;
+                if let Some(nodes) = nodes {
+                    settings = settings.for_nodes_placed(&shape, placed, nodes)?;
+                }
+            }
+        }
+        Ok(SceneMesh::Generated { shape, electrodes, settings })
+    }
+
+    /// A mesh of the family that the scene's mesh is chosen from ([`MeshSettings::similar`]).
+    pub fn similar_mesh(&self, scale: f64) -> Result<Mesh, SkinError> {
+        let shape = self.shape()?;
+        // the search has a limit of its own
+        let node_limit = MeshSettings::default().node_limit;
+        let settings = MeshSettings { node_limit, ..self.mesh_settings()? };
+        Ok(match self.electrodes()? {
+            SceneElectrodes::Rim(rim) => {
+                let settings = settings.similar(&shape, rim.width_m, scale)?;
+                eit_mesh::generate(&shape, &rim, &settings)?
+            }
+            SceneElectrodes::Placed(placed) => {
+                let widths = placed.iter().map(PlacedElectrode::width_m);
+                let narrowest_m = widths.fold(f64::INFINITY, f64::min);
+                let settings = settings.similar(&shape, narrowest_m, scale)?;
+                eit_mesh::generate_placed(&shape, &placed, &settings)?
+            }
+        })
+    }
+
+    fn mesh_settings(&self) -> Result<MeshSettings, SkinError> {
+        let default = MeshSettings::default();
+        let settings = MeshSettings {
+            edge_m: self.mesh.edge_m,
+            electrode_edge_m: self.mesh.electrode_edge_m,
+            grading: self.mesh.grading.unwrap_or(default.grading),
+            node_limit: self.mesh.node_limit.unwrap_or(default.node_limit),
+            ..default
+        };
+        settings.validate()?;
+        Ok(settings)
+    }
+
+    fn shape(&self) -> Result<SkinShape, SkinError> {
+        let skin = &self.skin;
+        Ok(match skin.shape {
+            Shape::Disc => {
+                let radius_m = self.needed(skin.radius_m, "skin.radius_m", "a disc")?;
+                SkinShape::Disc { radius_m }
+            }
+            Shape::Hemisphere => {
+                let radius_m = self.needed(skin.radius_m, "skin.radius_m", "a hemisphere")?;
+                SkinShape::Hemisphere { radius_m }
+            }
+            Shape::Rectangle => SkinShape::Rectangle {
+                width_m: self.needed(skin.width_m, "skin.width_m", "a rectangle")?,
+                height_m: self.needed(skin.height_m, "skin.height_m", "a rectangle")?,
+            },
+            Shape::Polygon | Shape::Mesh => SkinShape::Polygon {
+                outline_m: {
+                    let outline = skin.outline.as_ref();
+                    open_loop(self.needed(outline, "skin.outline", "a polygon")?)
+                },
+                holes_m: skin.holes.iter().map(|h| open_loop(h)).collect(),
+            },
+        })
+    }
+
+    /// The electrodes of a generated mesh.
+    pub fn electrodes(&self) -> Result<SceneElectrodes, SkinError> {
+        let keys = &self.electrodes;
+        if let Some(positions) = &keys.positions_m {
+            // equal widths on a flat rim are one setting
+            let flat = positions.iter().all(|p| p.0[2] == 0.0);
+            if let (Some(OneOrMany::One(width_m)), None, true) =
+                (&keys.width_m, &keys.radius_m, flat)
+            {
+                self.same_count(positions.len())?;
+                let placement = Placement::At(positions.iter().map(|p| [p.0[0], p.0[1]]).collect());
+                return Ok(SceneElectrodes::Rim(RimElectrodes { width_m: *width_m, placement }));
+            }
+            return Ok(SceneElectrodes::Placed(self.placed()?));
+        }
+        let placement = Placement::EquallySpaced {
+            count: self.needed(keys.count, "electrodes.count", "electrodes")?,
+            first_angle_deg: keys.first_angle_deg.unwrap_or(0.0),
+            direction: match keys.direction {
+                Direction::Counterclockwise => eit_mesh::Direction::Counterclockwise,
+                Direction::Clockwise => eit_mesh::Direction::Clockwise,
+            },
+        };
+        let widths = self.needed(keys.width_m.as_ref(), "electrodes.width_m", "electrodes")?;
+        if let OneOrMany::One(width_m) = *widths {
+            return Ok(SceneElectrodes::Rim(RimElectrodes { width_m, placement }));
+        }
+        // any one width will do for the centres, so none is given that could be refused
+        let centres = RimElectrodes { width_m: 0.0, placement };
+        let centres_m = centres.centres_m(&self.shape()?.outline()?)?;
+        let widths = self.each("electrodes.width_m", Some(widths), centres_m.len())?;
+        let placed = centres_m.iter().zip(widths);
+        Ok(SceneElectrodes::Placed(
+            placed.map(|(&[x, y], width_m)| PlacedElectrode::rim([x, y, 0.0], width_m)).collect(),
+        ))
+    }
+
+    /// The electrodes at `positions_m`, each with a width or a radius.
+    fn placed(&self) -> Result<Vec<PlacedElectrode>, SkinError> {
+        let keys = &self.electrodes;
+        let key = "electrodes.positions_m";
+        let positions = self.needed(keys.positions_m.as_ref(), key, "electrodes by position")?;
+        let count = positions.len();
+        self.same_count(count)?;
+        if keys.width_m.is_none() && keys.radius_m.is_none() {
+            return Err(self.error(
+                "electrodes.width_m is missing: electrodes need it (on the rim), or \
+                 electrodes.radius_m (patches)"
+                    .to_owned(),
+            ));
+        }
+        let widths = self.each("electrodes.width_m", keys.width_m.as_ref(), count)?;
+        let radii = self.each("electrodes.radius_m", keys.radius_m.as_ref(), count)?;
+        let one = |(k, ((at, width_m), radius_m)): (usize, ((&Position, f64), f64))| match (
+            width_m == 0.0,
+            radius_m == 0.0,
+        ) {
+            (false, true) => Ok(PlacedElectrode::rim(at.0, width_m)),
+            (true, false) => Ok(PlacedElectrode::patch(at.0, radius_m)),
+            _ => Err(self.error(format!(
+                "electrode {}: width_m {width_m} and radius_m {radius_m}: an electrode on the \
+                     rim has a width, a patch a radius, the other is 0 in its list",
+                k + 1
+            ))),
+        };
+        positions.iter().zip(widths).zip(radii).enumerate().map(one).collect()
+    }
+
+    /// One value for each electrode; zeros where the key is not there.
+    pub fn each(
+        &self,
+        key: &str,
+        values: Option<&OneOrMany>,
+        electrodes: usize,
+    ) -> Result<Vec<f64>, SkinError> {
+        match values {
+            None => Ok(vec![0.0; electrodes]),
+            Some(OneOrMany::One(value)) => Ok(vec![*value; electrodes]),
+            Some(OneOrMany::Many(values)) if values.len() == electrodes => Ok(values.clone()),
+            Some(OneOrMany::Many(values)) => Err(self.error(format!(
+                "{key} has {} values for {electrodes} electrodes: give one number or one each",
+                values.len()
+            ))),
+        }
+    }
+
+    /// Refuses a count that is not that of the positions.
+    fn same_count(&self, positions: usize) -> Result<(), SkinError> {
+        match self.electrodes.count {
+            Some(count) if count != positions => Err(self.error(format!(
+                "electrodes.count is {count}, but electrodes.positions_m has {positions} \
+                 positions: leave one out"
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Contact impedance of each electrode.
+    pub fn contact_impedance(&self, electrodes: usize) -> Result<Vec<f64>, SkinError> {
+        let key = "electrodes.contact_impedance_ohm_m";
+        let keys = self.electrodes.contact_impedance_ohm_m.as_ref();
+        let values = self.needed(keys, key, "the complete electrode model")?;
+        self.each(key, Some(values), electrodes)
+    }
+
+    /// Plain or normalised difference: pairs are normalised, which cancels gains per channel;
+    /// general patterns have voltages near zero, which cannot be divided by.
+    pub fn difference_kind(&self, protocol: &Protocol) -> DifferenceKind {
+        self.reconstruction.difference.unwrap_or(match protocol.quadruples() {
+            Some(_) => DifferenceKind::Normalised,
+            None => DifferenceKind::Plain,
+        })
+    }
+
+    pub fn needed<T>(&self, value: Option<T>, key: &str, why: &str) -> Result<T, SkinError> {
+        value.ok_or_else(|| self.error(format!("{key} is missing: {why} needs it")))
+    }
+
+    pub fn error(&self, message: String) -> SkinError {
+        SkinError::input(message).within(&self.place)
+    }
+}
+
+/// Corners of a loop; a first corner repeated at the end, as other tools write it, is dropped.
+fn open_loop(corners: &[Pair<f64>]) -> Vec<[f64; 2]> {
+    let mut corners = plain(corners);
+    if corners.len() > 1 && corners.first() == corners.last() {
+        corners.pop();
+    }
+    corners
+}

@@ -1,0 +1,276 @@
+//! Checks that need the scene alone: numbers in range, keys that would be ignored.
+//!
+//! Shapes, electrodes and protocols are checked by the crates that build them.
+
+use super::{AccuracyKeys, Delta, ElementKeys, Hyperparameter, PriorKind, Rule, Scene, Shape};
+use crate::error::SkinError;
+use crate::method::Method;
+
+/// Most pixels along the longer side: 16 million pixels an image.
+const MOST_PIXELS: usize = 4096;
+
+impl Scene {
+    /// Refuses what cannot be, and what would silently have no effect.
+    pub fn check(&self) -> Result<(), SkinError> {
+        self.check_numbers()
+            .and_then(|()| self.check_tv())
+            .and_then(|()| self.check_reactive())
+            .and_then(|()| self.check_company())
+            .and_then(|()| self.check_method())
+            .and_then(|()| self.required_accuracy().map(|_| ()))
+            .and_then(|()| self.check_movement())
+            .map_err(|e| e.within(&self.place))
+    }
+
+    /// Electrodes that move, and what cannot be together with them.
+    fn check_movement(&self) -> Result<(), SkinError> {
+        if self.reconstruction.electrode_movement_m.is_none() {
+            return Ok(());
+        }
+        let absolute = Method::GaussNewtonAbsolute.name();
+        let why = if self.denoise.is_some() {
+            "[denoise] exclude each other: nets have learnt from images in which electrodes moved, and \
+             measured on others they gain nothing; keep one"
+        } else if self.reconstruction.method.as_deref() == Some(absolute) {
+            "method = \"gauss-newton-absolute\" exclude each other: movement is taken out of \
+             differences, before a linear method; keep one"
+        } else if self.mesh.elements == Some(ElementKeys::Quadratic) {
+            "[mesh] elements = \"quadratic\" exclude each other: derivatives along displacements are \
+             those of linear elements; keep one"
+        } else {
+            return Ok(());
+        };
+        Err(SkinError::input(format!("reconstruction.electrode_movement_m and {why}")))
+    }
+
+    /// Refuses electrodes that move where nets learn or clean images.
+    pub fn refuse_movement(&self, command: &str) -> Result<(), SkinError> {
+        if self.reconstruction.electrode_movement_m.is_none() {
+            return Ok(());
+        }
+        let message = format!(
+            "`eit {command}` does not know reconstruction.electrode_movement_m (nets learn to take \
+             movement out of images, not from images without it): take it out of the scene"
+        );
+        Err(SkinError::input(message).within(&self.place))
+    }
+
+    fn check_numbers(&self) -> Result<(), SkinError> {
+        let image = &self.reconstruction;
+        let fixed = match image.hyperparameter {
+            Some(Hyperparameter::Value(value)) => Some(value),
+            _ => None,
+        };
+        let positive = [
+            ("skin.conductivity_s", Some(self.skin.conductivity_s)),
+            ("reconstruction.correlation_length_m", image.correlation_length_m),
+            ("reconstruction.hyperparameter", fixed),
+            ("reconstruction.noise_figure", image.noise_figure),
+            ("noise.additive_v", self.noise.additive_v),
+            ("touch.false_alarms_per_hour", self.touch.false_alarms_per_hour),
+            ("reconstruction.lambda_space", image.lambda_space),
+            ("reconstruction.target_gap", image.target_gap),
+            ("reconstruction.deadline_s", image.deadline_s),
+            ("reconstruction.frame_time_s", image.frame_time_s),
+            ("reconstruction.electrode_movement_m", image.electrode_movement_m),
+            ("recording.frame_rate_hz", self.recording.frame_rate_hz),
+            ("protocol.current_a", self.protocol.current_a),
+        ];
+        for (key, value) in positive {
+            if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
+                let message = format!("{key} is {value}: it must be finite and above zero");
+                return Err(SkinError::input(message));
+            }
+        }
+        if let Some(scale) = self.recording.scale.filter(|s| !s.is_finite() || *s == 0.0) {
+            let message = format!("recording.scale is {scale}: it must be finite and not zero");
+            return Err(SkinError::input(message));
+        }
+        if let Some(AccuracyKeys::Relative(value)) = self.mesh.required_accuracy
+            && !(value > 0.0 && value < 1.0)
+        {
+            return Err(SkinError::input(format!(
+                "mesh.required_accuracy is {value}: a part of the largest voltage is above 0 and \
+                 below 1"
+            )));
+        }
+        if let Some(pixels) = image.pixels.filter(|p| !(1..=MOST_PIXELS).contains(p)) {
+            let message =
+                format!("reconstruction.pixels is {pixels}: it must be 1 to {MOST_PIXELS}");
+            return Err(SkinError::input(message));
+        }
+        Ok(())
+    }
+
+    /// Numbers of the total variation methods that are not simply positive.
+    fn check_tv(&self) -> Result<(), SkinError> {
+        let image = &self.reconstruction;
+        let delta = match image.delta {
+            Some(Delta::Value(value)) => Some(value),
+            _ => None,
+        };
+        for (key, value) in
+            [("reconstruction.lambda_time", image.lambda_time), ("reconstruction.delta", delta)]
+        {
+            if let Some(value) = value.filter(|v| !(v.is_finite() && *v >= 0.0)) {
+                let message = format!("{key} is {value}: it must be finite and not below zero");
+                return Err(SkinError::input(message));
+            }
+        }
+        if let Some(gap) = image.target_gap.filter(|gap| *gap >= 1.0) {
+            return Err(SkinError::input(format!(
+                "reconstruction.target_gap is {gap}: it is relative to the objective and must be \
+                 below 1"
+            )));
+        }
+        let lower = image.lower_s.unwrap_or(f64::NEG_INFINITY);
+        let upper = image.upper_s.unwrap_or(f64::INFINITY);
+        if !(lower <= 0.0 && upper >= 0.0 && lower < upper) {
+            return Err(SkinError::input(format!(
+                "reconstruction.lower_s = {lower} and upper_s = {upper} must have zero, no change, \
+                 between them or on one of them"
+            )));
+        }
+        if let Some([first, last]) = self.noise.quiet_frames.map(|frames| frames.0)
+            && last < first.saturating_add(2)
+        {
+            return Err(SkinError::input(format!(
+                "noise.quiet_frames = [{first}, {last}]: first and last frame; the noise is \
+                 measured on three or more"
+            )));
+        }
+        Ok(())
+    }
+
+    /// The method must exist and must read the keys that are set for one.
+    fn check_method(&self) -> Result<(), SkinError> {
+        let image = &self.reconstruction;
+        let (mut of_tv, mut of_others) = (image.keys_of_tv(), image.keys_of_gauss_newton());
+        let Some(name) = &image.method else {
+            return match (of_tv.chain(image.bounds()).next(), of_others.next()) {
+                (Some(one), Some(other)) => Err(SkinError::input(format!(
+                    "{one} and {other} belong to different methods: set reconstruction.method or \
+                     take one out"
+                ))),
+                _ => Ok(()),
+            };
+        };
+        let method = Method::parse("reconstruction.method", name)?;
+        let bounded = method.is_tv() || method == Method::GaussNewtonAbsolute;
+        let ignored = if method.is_tv() { of_others.next() } else { of_tv.next() };
+        let ignored = ignored.or(image.bounds().next().filter(|_| !bounded));
+        if let Some(key) = ignored {
+            let message = format!("{key} has no effect with method = \"{name}\"");
+            return Err(SkinError::input(message));
+        }
+        if method == Method::Tv && image.lambda_time.is_some_and(|weight| weight != 0.0) {
+            return Err(SkinError::input(
+                "reconstruction.lambda_time has no effect with method = \"tv\": take \"st-tv\"",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Keys that exclude each other, and keys that need another one.
+    fn check_company(&self) -> Result<(), SkinError> {
+        let (protocol, electrodes, image) =
+            (&self.protocol, &self.electrodes, &self.reconstruction);
+        let (mesh, skin) = (&self.mesh, &self.skin);
+        let quadruples = ("protocol.quadruples_file", protocol.quadruples_file.is_some());
+        let stimulation = ("protocol.stimulation_file", protocol.stimulation_file.is_some());
+        let drive = ("protocol.drive", protocol.drive.is_some());
+        let measure = ("protocol.measure", protocol.measure.is_some());
+        let pairs = ("protocol.pairs", protocol.pairs.is_some());
+        let positions = ("electrodes.positions_m", electrodes.positions_m.is_some());
+        let angle = ("electrodes.first_angle_deg", electrodes.first_angle_deg.is_some());
+        let file = ("skin.shape = \"mesh\"", skin.shape == Shape::Mesh);
+        // a file that brings its electrodes is taken as it is
+        let own = ("skin.shape = \"mesh\" without positions_m", file.1 && !positions.1);
+        let radius = ("electrodes.radius_m", electrodes.radius_m.is_some());
+        let accuracy = ("mesh.required_accuracy", mesh.required_accuracy.is_some());
+        let exclusive = [
+            (drive, pairs),
+            (drive, quadruples),
+            (drive, stimulation),
+            (pairs, quadruples),
+            (pairs, stimulation),
+            (quadruples, stimulation),
+            (measure, quadruples),
+            (measure, stimulation),
+            (positions, angle),
+            (("skin.radius_m", skin.radius_m.is_some()), ("skin.width_m", skin.width_m.is_some())),
+            (("skin.radius_m", skin.radius_m.is_some()), ("skin.outline", skin.outline.is_some())),
+            (("skin.width_m", skin.width_m.is_some()), ("skin.outline", skin.outline.is_some())),
+            (file, ("skin.radius_m", skin.radius_m.is_some())),
+            (file, ("mesh.nodes", mesh.nodes.is_some())),
+            (own, ("mesh.edge_m", mesh.edge_m.is_some())),
+            (own, ("mesh.electrode_edge_m", mesh.electrode_edge_m.is_some())),
+            (own, ("mesh.grading", mesh.grading.is_some())),
+            (("mesh.nodes", mesh.nodes.is_some()), ("mesh.edge_m", mesh.edge_m.is_some())),
+            (accuracy, ("mesh.nodes", mesh.nodes.is_some())),
+            (accuracy, ("mesh.edge_m", mesh.edge_m.is_some())),
+            (accuracy, ("mesh.electrode_edge_m", mesh.electrode_edge_m.is_some())),
+            (
+                ("noise.additive_v", self.noise.additive_v.is_some()),
+                ("noise.quiet_frames", self.noise.quiet_frames.is_some()),
+            ),
+            (file, ("electrodes.count", electrodes.count.is_some())),
+            (own, ("electrodes.width_m", electrodes.width_m.is_some())),
+            (own, radius),
+            (file, angle),
+        ];
+        if let Some(((one, _), (other, _))) = exclusive.iter().find(|(a, b)| a.1 && b.1) {
+            let message = format!("{one} and {other} exclude each other: keep one");
+            return Err(SkinError::input(message));
+        }
+        let figure_rule =
+            matches!(image.hyperparameter, None | Some(Hyperparameter::Rule(Rule::NoiseFigure)));
+        let smooth = matches!(image.prior, None | Some(PriorKind::Laplace | PriorKind::Gaussian));
+        let capacitance =
+            skin.permittivity_f.is_some() || electrodes.contact_capacitance_f_per_m.is_some();
+        let frequency = ("protocol.frequency_hz", protocol.frequency_hz.is_some());
+        let needs = [
+            (("skin.permittivity_f", skin.permittivity_f.is_some()), frequency),
+            (
+                (
+                    "electrodes.contact_capacitance_f_per_m",
+                    electrodes.contact_capacitance_f_per_m.is_some(),
+                ),
+                frequency,
+            ),
+            (
+                frequency,
+                ("skin.permittivity_f or electrodes.contact_capacitance_f_per_m", capacitance),
+            ),
+            (
+                ("protocol.measurement_file", protocol.measurement_file.is_some()),
+                ("protocol.stimulation_file", stimulation.1),
+            ),
+            (
+                ("reconstruction.noise_figure", image.noise_figure.is_some()),
+                ("hyperparameter = \"noise-figure\"", figure_rule),
+            ),
+            (
+                ("reconstruction.correlation_length_m", image.correlation_length_m.is_some()),
+                ("prior = \"laplace\" or \"gaussian\"", smooth),
+            ),
+            (("skin.file", skin.file.is_some()), file),
+            (("skin.scale_m", skin.scale_m.is_some()), file),
+            (radius, positions),
+            (
+                // 0 says that there is no time term, whatever the weight in space
+                (
+                    "reconstruction.lambda_time",
+                    image.lambda_time.is_some_and(|weight| weight != 0.0),
+                ),
+                ("reconstruction.lambda_space", image.lambda_space.is_some()),
+            ),
+        ];
+        match needs.iter().find(|(a, b)| a.1 && !b.1) {
+            None => Ok(()),
+            Some(((key, _), (other, _))) => {
+                Err(SkinError::input(format!("{key} has no effect without {other}")))
+            }
+        }
+    }
+}

@@ -1,0 +1,272 @@
+//! `[instrument]`: the live instrument of a scene, and its driver.
+
+use super::Scene;
+use crate::error::SkinError;
+use eit_hw::codec::text::TextFormat;
+use eit_hw::driver::{
+    Board, Driver, Eits1, Gain, PairWidth, Polarity, Range, Sciospec, SciospecSettings,
+};
+use eit_hw::{Endpoint, Layout, Quadruple};
+use serde::Deserialize;
+
+/// Frames a second where the scene states none.
+const DEFAULT_RATE_HZ: f64 = 20.0;
+/// Baud rate where neither the scene nor the board states one.
+const DEFAULT_BAUD: u32 = 115_200;
+/// Frequency of a Sciospec instrument's current where the scene states none.
+const DEFAULT_SCIOSPEC_HZ: f64 = 1e4;
+
+/// `[instrument]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InstrumentKeys {
+    /// "eits1", "sciospec", "csv", or the name of a board.
+    pub driver: String,
+    pub port: Option<String>,
+    pub baud: Option<u32>,
+    pub dtr: Option<bool>,
+    pub frame_rate_hz: Option<f64>,
+    pub frequency_hz: Option<f64>,
+    pub gain: Option<u32>,
+    pub range_v: Option<u32>,
+    pub pair_width: Option<PairWidthKey>,
+    pub polarity: Option<PolarityKey>,
+}
+
+/// `instrument.pair_width`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PairWidthKey {
+    Byte,
+    Word,
+}
+
+/// `instrument.polarity`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PolarityKey {
+    Measured,
+    AsListed,
+    Reversed,
+}
+
+/// Which driver, with what only it needs.
+#[derive(Debug, Clone)]
+pub enum DriverKind {
+    Eits1,
+    Sciospec(SciospecSettings),
+    Board(Box<Board>),
+}
+
+/// The instrument of a scene, checked.
+#[derive(Debug, Clone)]
+pub struct Instrument {
+    /// Which driver.
+    pub kind: DriverKind,
+    /// Electrodes of the skin.
+    pub electrodes: usize,
+    /// Measurements of the scene's protocol, in its order.
+    pub quadruples: Vec<Quadruple>,
+    /// Frames a second that are asked for.
+    pub frame_rate_hz: f64,
+    /// Amplitude of the current, ampere.
+    pub current_a: f64,
+    /// Its frequency; 0 is direct current.
+    pub frequency_hz: f64,
+    /// Where it is, where that is said.
+    pub port: Option<String>,
+    /// Rate of the serial line.
+    pub baud: u32,
+    dtr: Option<bool>,
+    place: String,
+}
+
+impl Scene {
+    /// The instrument that the scene names, for its own skin and protocol.
+    pub fn instrument(&self) -> Result<Instrument, SkinError> {
+        self.instrument_inner().map_err(|e| e.within(&self.place))
+    }
+
+    fn instrument_inner(&self) -> Result<Instrument, SkinError> {
+        let keys = self.instrument.as_ref().ok_or_else(|| {
+            SkinError::input(
+                "has no [instrument]: add one, such as `[instrument]`, `driver = \"eits1\"`, \
+                 `port = \"/dev/ttyACM0\"` (docs/SCENE.md)",
+            )
+        })?;
+        let mesh = self.mesh(None)?;
+        let electrodes = match mesh.electrodes() {
+            Some(count) => count,
+            None => mesh.build()?.electrodes().len(),
+        };
+        let protocol = self.protocol(electrodes)?;
+        let quadruples = protocol.quadruples().map(<[_]>::to_vec).ok_or_else(|| {
+            SkinError::input(
+                "[protocol] has general current patterns, which no driver sets up: use `drive`, \
+                 `pairs` or `quadruples_file`",
+            )
+        })?;
+        let current_a = self.protocol.current_a.unwrap_or(super::protocol::DEFAULT_CURRENT_A);
+        let frame_rate_hz = keys.frame_rate_hz.unwrap_or(DEFAULT_RATE_HZ);
+        let kind = keys.kind(electrodes, &quadruples, current_a, frame_rate_hz)?;
+        keys.check_company(&kind)?;
+        let (baud, frequency_hz) = match &kind {
+            DriverKind::Board(board) => (board.baud, 0.0),
+            DriverKind::Sciospec(settings) => (DEFAULT_BAUD, f64::from(settings.frequency_hz)),
+            DriverKind::Eits1 => (DEFAULT_BAUD, keys.frequency_hz.unwrap_or(0.0)),
+        };
+        let instrument = Instrument {
+            kind,
+            electrodes,
+            quadruples,
+            frame_rate_hz,
+            current_a,
+            frequency_hz,
+            port: keys.port.clone(),
+            baud: keys.baud.unwrap_or(baud),
+            dtr: keys.dtr,
+            place: self.place.clone(),
+        };
+        // settings that cannot be are found before a port is opened
+        instrument.driver()?;
+        Ok(instrument)
+    }
+}
+
+impl InstrumentKeys {
+    fn kind(
+        &self,
+        electrodes: usize,
+        quadruples: &[Quadruple],
+        current_a: f64,
+        frame_rate_hz: f64,
+    ) -> Result<DriverKind, SkinError> {
+        match self.driver.as_str() {
+            "eits1" => Ok(DriverKind::Eits1),
+            "sciospec" => {
+                let electrodes = u32::try_from(electrodes).unwrap_or(u32::MAX);
+                Ok(DriverKind::Sciospec(SciospecSettings {
+                    current_a,
+                    frequency_hz: self.frequency_hz.unwrap_or(DEFAULT_SCIOSPEC_HZ) as f32,
+                    frame_rate_hz: frame_rate_hz as f32,
+                    gain: self.gain()?,
+                    range: self.range()?,
+                    pair_width: match self.pair_width {
+                        None | Some(PairWidthKey::Byte) => PairWidth::Byte,
+                        Some(PairWidthKey::Word) => PairWidth::Word,
+                    },
+                    polarity: match self.polarity {
+                        None | Some(PolarityKey::Measured) => Polarity::Measured,
+                        Some(PolarityKey::AsListed) => Polarity::AsListed,
+                        Some(PolarityKey::Reversed) => Polarity::Reversed,
+                    },
+                    ..SciospecSettings::for_quadruples(electrodes, quadruples)
+                }))
+            }
+            "csv" => {
+                let format = TextFormat::csv(quadruples.len());
+                let board = Board::new("csv", DEFAULT_BAUD, format, Layout::AsScene);
+                Ok(DriverKind::Board(Box::new(board)))
+            }
+            name if Board::PRESETS.contains(&name) => {
+                Ok(DriverKind::Board(Box::new(Board::preset(name)?)))
+            }
+            name => {
+                let known = ["eits1", "sciospec", "csv"].iter().chain(&Board::PRESETS);
+                let known: Vec<String> = known.map(|name| format!("\"{name}\"")).collect();
+                Err(SkinError::input(format!(
+                    "instrument.driver = \"{name}\" is none of {}",
+                    known.join(", ")
+                )))
+            }
+        }
+    }
+
+    fn gain(&self) -> Result<Gain, SkinError> {
+        match self.gain {
+            None | Some(1) => Ok(Gain::X1),
+            Some(10) => Ok(Gain::X10),
+            Some(100) => Ok(Gain::X100),
+            Some(1000) => Ok(Gain::X1000),
+            Some(other) => Err(SkinError::input(format!(
+                "instrument.gain is {other}: it must be 1, 10, 100 or 1000"
+            ))),
+        }
+    }
+
+    fn range(&self) -> Result<Range, SkinError> {
+        match self.range_v {
+            None | Some(1) => Ok(Range::V1),
+            Some(5) => Ok(Range::V5),
+            Some(10) => Ok(Range::V10),
+            Some(other) => {
+                let message = format!("instrument.range_v is {other}: it must be 1, 5 or 10");
+                Err(SkinError::input(message))
+            }
+        }
+    }
+
+    /// Keys that the driver does not read.
+    fn check_company(&self, kind: &DriverKind) -> Result<(), SkinError> {
+        let sciospec = [
+            ("gain", self.gain.is_some()),
+            ("range_v", self.range_v.is_some()),
+            ("pair_width", self.pair_width.is_some()),
+            ("polarity", self.polarity.is_some()),
+        ];
+        let set = [
+            ("frame_rate_hz", self.frame_rate_hz.is_some()),
+            ("frequency_hz", self.frequency_hz.is_some()),
+        ];
+        let ignored = match kind {
+            DriverKind::Sciospec(_) => None,
+            DriverKind::Eits1 => sciospec.iter().find(|key| key.1),
+            DriverKind::Board(_) => sciospec.iter().chain(&set).find(|key| key.1),
+        };
+        match ignored {
+            None => Ok(()),
+            Some((key, _)) => Err(SkinError::input(format!(
+                "instrument.{key} has no effect with driver = \"{}\": take it out",
+                self.driver
+            ))),
+        }
+    }
+}
+
+impl Instrument {
+    /// A driver that measures the scene's protocol.
+    pub fn driver(&self) -> Result<Box<dyn Driver>, SkinError> {
+        Ok(match &self.kind {
+            DriverKind::Eits1 => Box::new(Eits1::new(
+                &self.quadruples,
+                self.frame_rate_hz as f32,
+                self.current_a as f32,
+                self.frequency_hz as f32,
+            )?),
+            DriverKind::Sciospec(settings) => Box::new(Sciospec::new(settings.clone())?),
+            DriverKind::Board(board) => board.as_ref().clone().driver()?,
+        })
+    }
+
+    /// Where it is: `given` on the command line, else as the scene says.
+    pub fn endpoint(&self, given: Option<&str>) -> Result<Endpoint, SkinError> {
+        let port = given.or(self.port.as_deref()).ok_or_else(|| {
+            let message = "instrument.port is missing: set it, or give --port (`eit devices` lists \
+                           the ports)";
+            SkinError::input(message).within(&self.place)
+        })?;
+        Ok(match Endpoint::parse(port, self.baud)? {
+            Endpoint::Serial { path, baud, .. } => Endpoint::Serial { path, baud, dtr: self.dtr },
+            other => other,
+        })
+    }
+
+    /// The scene's words for the driver, for messages.
+    pub fn driver_name(&self) -> &str {
+        match &self.kind {
+            DriverKind::Eits1 => "eits1",
+            DriverKind::Sciospec(_) => "sciospec",
+            DriverKind::Board(board) => &board.name,
+        }
+    }
+}

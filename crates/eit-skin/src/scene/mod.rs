@@ -1,0 +1,419 @@
+//! The scene file: what skin, which electrodes, how it is driven, what is wanted.
+//!
+//! TOML to plain structs, then to the settings of the library crates. A scene is checked whole
+//! before any work. Relative paths are relative to the scene file. Long because the keys are one list, in
+//! the order of docs/SCENE.md.
+
+mod build;
+mod builtin;
+mod check;
+mod instrument;
+mod mesh;
+mod parse;
+mod protocol;
+mod reactive;
+mod reconstruction;
+
+pub use builtin::NAMES as BUILT_IN;
+pub use instrument::{DriverKind, Instrument, InstrumentKeys};
+pub use mesh::{SceneElectrodes, SceneMesh};
+pub use parse::from_toml;
+pub use reconstruction::{
+    Delta, DeltaRule, DifferenceKind, Hyperparameter, PriorKind, Reconstruction, Rule,
+};
+
+use crate::error::SkinError;
+use eit_fem::fabric::FabricSettings;
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+
+/// A scene as written; see `docs/SCENE.md` for every key.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// Shape and background of the skin.
+    pub skin: Skin,
+    /// Electrodes on its rim; a mesh file brings its own.
+    #[serde(default)]
+    pub electrodes: Electrodes,
+    /// Stimulation and measurement.
+    #[serde(default)]
+    pub protocol: ProtocolKeys,
+    /// Mesh density.
+    #[serde(default)]
+    pub mesh: MeshKeys,
+    /// Recorded frames.
+    #[serde(default)]
+    pub recording: Recording,
+    /// Images.
+    #[serde(default)]
+    pub reconstruction: Reconstruction,
+    /// Noise of the instrument.
+    #[serde(default)]
+    pub noise: Noise,
+    /// The simulated fabric of `eit simulate`.
+    pub fabric: Option<FabricSettings>,
+    /// Touches.
+    #[serde(default)]
+    pub touch: TouchKeys,
+    /// U-net.
+    pub denoise: Option<DenoiseKeys>,
+    /// Live instrument.
+    pub instrument: Option<InstrumentKeys>,
+    /// Name for titles: the file's stem or the built-in name.
+    #[serde(skip)]
+    pub name: String,
+    /// The file or built-in name as given, for messages.
+    #[serde(skip)]
+    pub place: String,
+    /// Folder that relative paths start from.
+    #[serde(skip)]
+    pub folder: PathBuf,
+}
+
+/// `[skin]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Skin {
+    pub shape: Shape,
+    pub radius_m: Option<f64>,
+    pub width_m: Option<f64>,
+    pub height_m: Option<f64>,
+    pub outline: Option<Vec<Pair<f64>>>,
+    #[serde(default)]
+    pub holes: Vec<Vec<Pair<f64>>>,
+    pub file: Option<PathBuf>,
+    /// Metres per unit of the file.
+    pub scale_m: Option<f64>,
+    pub conductivity_s: f64,
+    /// Capacitance of the sheet, farad per square.
+    pub permittivity_f: Option<f64>,
+}
+
+/// `skin.shape`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Shape {
+    Disc,
+    Hemisphere,
+    Rectangle,
+    Polygon,
+    Mesh,
+}
+
+/// `[electrodes]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Electrodes {
+    pub count: Option<usize>,
+    /// Length of rim; 0 in a list where the electrode is a patch.
+    pub width_m: Option<OneOrMany>,
+    /// Radius of a patch; 0 in a list where the electrode is on the rim.
+    pub radius_m: Option<OneOrMany>,
+    pub first_angle_deg: Option<f64>,
+    #[serde(default)]
+    pub direction: Direction,
+    pub contact_impedance_ohm_m: Option<OneOrMany>,
+    /// Beside the contact impedance; of a patch farad per square metre.
+    pub contact_capacitance_f_per_m: Option<OneOrMany>,
+    pub positions_m: Option<Vec<Position>>,
+}
+
+/// `electrodes.direction`
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Direction {
+    #[default]
+    Counterclockwise,
+    Clockwise,
+}
+
+/// Exactly two values; a plain array type would drop a third one silently.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(try_from = "Vec<T>", bound = "T: Deserialize<'de> + Copy")]
+pub struct Pair<T: Copy>(pub [T; 2]);
+
+impl<T: Copy> TryFrom<Vec<T>> for Pair<T> {
+    type Error = String;
+
+    fn try_from(values: Vec<T>) -> Result<Self, String> {
+        let found = values.len();
+        values.try_into().map(Self).map_err(|_| format!("{found} values where two are wanted"))
+    }
+}
+
+/// A place, metres: [x, y], or [x, y, z] on a curved skin.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(try_from = "Vec<f64>")]
+pub struct Position(pub [f64; 3]);
+
+impl TryFrom<Vec<f64>> for Position {
+    type Error = String;
+
+    fn try_from(values: Vec<f64>) -> Result<Self, String> {
+        match values[..] {
+            [x, y] => Ok(Self([x, y, 0.0])),
+            [x, y, z] => Ok(Self([x, y, z])),
+            _ => Err(format!("{} values where two or three are wanted", values.len())),
+        }
+    }
+}
+
+/// The plain pairs of a list.
+fn plain<T: Copy>(pairs: &[Pair<T>]) -> Vec<[T; 2]> {
+    pairs.iter().map(|p| p.0).collect()
+}
+
+/// One value for all electrodes, or one for each.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged, expecting = "a number, or a list with one number per electrode")]
+pub enum OneOrMany {
+    One(f64),
+    Many(Vec<f64>),
+}
+
+/// `[protocol]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProtocolKeys {
+    pub drive: Option<String>,
+    pub measure: Option<String>,
+    pub pairs: Option<Vec<Pair<u32>>>,
+    pub quadruples_file: Option<PathBuf>,
+    pub stimulation_file: Option<PathBuf>,
+    pub measurement_file: Option<PathBuf>,
+    #[serde(default)]
+    pub driven_electrodes: Driven,
+    #[serde(default)]
+    pub order: Order,
+    pub current_a: Option<f64>,
+    /// Of the drive current; only capacitances ask for it.
+    pub frequency_hz: Option<f64>,
+    /// Set to false to reconstruct although the order of the data looks wrong.
+    pub check_order: Option<bool>,
+}
+
+/// `protocol.driven_electrodes`
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Driven {
+    #[default]
+    Drop,
+    Keep,
+}
+
+/// `protocol.order`
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Order {
+    #[default]
+    Rotated,
+    Ascending,
+}
+
+/// `[mesh]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeshKeys {
+    pub edge_m: Option<f64>,
+    pub electrode_edge_m: Option<f64>,
+    pub grading: Option<f64>,
+    pub nodes: Option<usize>,
+    pub node_limit: Option<usize>,
+    /// Left out: linear, or with `required_accuracy` the cheaper kind.
+    pub elements: Option<ElementKeys>,
+    /// The mesh is chosen so that its voltages are as exact as this.
+    pub required_accuracy: Option<AccuracyKeys>,
+}
+
+/// `mesh.required_accuracy`: a part of the largest voltage, or "noise".
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged, expecting = "a part of the largest voltage, or \"noise\"")]
+pub enum AccuracyKeys {
+    Relative(f64),
+    Rule(AccuracyRule),
+}
+
+/// Rules of `mesh.required_accuracy`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AccuracyRule {
+    /// The standard deviation of a voltage.
+    Noise,
+}
+
+/// `mesh.elements`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ElementKeys {
+    Linear,
+    Quadratic,
+}
+
+/// `[recording]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recording {
+    pub file: Option<OneOrManyFiles>,
+    pub format: Option<String>,
+    pub frames_are: Option<FramesAre>,
+    #[serde(default)]
+    pub complex: bool,
+    #[serde(default)]
+    pub component: Component,
+    pub frequency_row: Option<usize>,
+    pub reference: Option<Reference>,
+    pub first_frame: Option<usize>,
+    pub frame_rate_hz: Option<f64>,
+    /// Every value is multiplied by this: -1 turns the polarity, 1e-3 makes volts of millivolts.
+    pub scale: Option<f64>,
+}
+
+/// One file, or several whose frames follow each other.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged, expecting = "a file name, or a list of them")]
+pub enum OneOrManyFiles {
+    One(PathBuf),
+    Many(Vec<PathBuf>),
+}
+
+/// `recording.frames_are`: how a table holds frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FramesAre {
+    /// One frame a row.
+    Rows,
+    /// One frame a column.
+    Columns,
+    /// The whole table is one frame, [measurement, pattern].
+    Matrix,
+}
+
+/// `recording.component`: which real number is taken of complex data.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Component {
+    #[default]
+    Real,
+    Imaginary,
+    Magnitude,
+    Phased,
+}
+
+/// `recording.reference` or `--reference`: a frame number, "mean", "N..M" or a file.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(untagged, expecting = "a frame number, \"mean\", \"N..M\" or a file name")]
+pub enum Reference {
+    Frame(usize),
+    Text(String),
+}
+
+/// `[noise]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Noise {
+    /// Standard deviation of a voltage, volt.
+    pub additive_v: Option<f64>,
+    /// First and last frame of a part of the recording during which nothing touched the skin.
+    pub quiet_frames: Option<Pair<usize>>,
+    /// Differences are white already, of standard deviation 1: electrodes that move were taken out.
+    #[serde(skip)]
+    pub white: bool,
+}
+
+/// `[touch]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TouchKeys {
+    pub false_alarms_per_hour: Option<f64>,
+    pub max_touches: Option<usize>,
+    #[serde(default)]
+    pub sign: TouchSign,
+    pub birth_hits: Option<usize>,
+    pub birth_frames: Option<usize>,
+    pub forgiven_frames: Option<usize>,
+    pub relative_floor: Option<f64>,
+    pub prominence: Option<f64>,
+    pub drift_time_s: Option<f64>,
+}
+
+/// `touch.sign`: which changes of conductivity are touches.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum TouchSign {
+    #[default]
+    Increase,
+    Decrease,
+}
+
+/// `[denoise]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DenoiseKeys {
+    /// "default", or a file of `eit train`.
+    pub weights: String,
+    /// Set to true to take the weights of another skin.
+    #[serde(default)]
+    pub any_skin: bool,
+}
+
+impl Scene {
+    /// Reads a scene file, or takes a built-in scene by its name, and checks it.
+    pub fn load(name_or_path: &str) -> Result<Self, SkinError> {
+        let mut scene = parse::parse(&Self::text(name_or_path)?, name_or_path)?;
+        scene.place = name_or_path.to_owned();
+        scene.name = name_or_path.to_owned();
+        if builtin::text(name_or_path).is_none() {
+            let path = Path::new(name_or_path);
+            scene.name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
+            scene.folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
+        }
+        scene.check()?;
+        Ok(scene)
+    }
+
+    /// The text of a scene file or built-in scene.
+    pub fn text(name_or_path: &str) -> Result<String, SkinError> {
+        if let Some(text) = builtin::text(name_or_path) {
+            return Ok(text.to_owned());
+        }
+        let bytes = std::fs::read(name_or_path).map_err(|e| {
+            SkinError::input(format!(
+                "{name_or_path}: {e}; give a scene file (TOML) or a built-in scene: {}",
+                BUILT_IN.join(", ")
+            ))
+        })?;
+        String::from_utf8(bytes).map_err(|e| {
+            SkinError::input(format!(
+                "{name_or_path}: byte {}: not text; a scene file is TOML in UTF-8",
+                e.utf8_error().valid_up_to()
+            ))
+        })
+    }
+
+    /// What a net that was trained on this scene belongs to: checksum of skin, electrodes and
+    /// protocol, as written, with the content of files that they name.
+    pub fn skin_fingerprint(&self) -> Result<String, SkinError> {
+        let table: toml::Table = from_toml(&Self::text(&self.place)?, &self.place)?;
+        let mut hash = crc32fast::Hasher::new();
+        for section in ["skin", "electrodes", "protocol"] {
+            let Some(toml::Value::Table(keys)) = table.get(section) else { continue };
+            // tables are sorted by key
+            for (key, value) in keys {
+                let file = key == "file" || key.ends_with("_file");
+                let (toml::Value::String(name), true) = (value, file) else {
+                    hash.update(format!("{section}.{key} = {value}\n").as_bytes());
+                    continue;
+                };
+                let path = self.resolve(Path::new(name));
+                hash.update(&std::fs::read(&path).map_err(|e| SkinError::at(&path, e))?);
+            }
+        }
+        Ok(format!("{:08x}", hash.finalize()))
+    }
+
+    /// A path of the scene as seen from the working folder.
+    pub fn resolve(&self, path: &Path) -> PathBuf {
+        self.folder.join(path)
+    }
+}

@@ -1,0 +1,135 @@
+//! From the scene's keys to stimulation and measurement.
+
+use super::{Driven, Order, Scene, plain};
+use crate::error::SkinError;
+use eit_fem::{DrivenElectrodes, PairPattern, PairProtocol, Protocol};
+use std::path::Path;
+
+/// Drive current where the scene states none, ampere.
+pub const DEFAULT_CURRENT_A: f64 = 1e-4;
+
+/// `protocol.drive` of currents on all electrodes at once.
+const TRIGONOMETRIC: &str = "trigonometric";
+
+impl Scene {
+    /// The protocol for a number of electrodes.
+    pub fn protocol(&self, electrodes: usize) -> Result<Protocol, SkinError> {
+        let keys = &self.protocol;
+        let current_a = keys.current_a.unwrap_or(DEFAULT_CURRENT_A);
+        let found = if let Some(file) = &keys.quadruples_file {
+            let quadruples = self.quadruples(file)?;
+            Protocol::from_quadruples(electrodes, &quadruples, current_a)
+        } else if let Some(file) = &keys.stimulation_file {
+            return self.pattern_protocol(file, electrodes, current_a);
+        } else if keys.drive.as_deref() == Some(TRIGONOMETRIC) {
+            if keys.driven_electrodes == Driven::Drop {
+                return Err(self.error(format!(
+                    "protocol.drive = \"{TRIGONOMETRIC}\" drives every electrode: set \
+                     protocol.driven_electrodes = \"keep\""
+                )));
+            }
+            let measure = self.pattern("protocol.measure", keys.measure.as_deref())?;
+            Protocol::trigonometric(electrodes, &measure, current_a)
+        } else {
+            self.pair_protocol(electrodes)?.protocol()
+        };
+        found.map_err(|e| SkinError::from(e).within(&self.place))
+    }
+
+    /// The scene's pair protocol, where it is one.
+    pub fn pair_protocol(&self, electrodes: usize) -> Result<PairProtocol, SkinError> {
+        let keys = &self.protocol;
+        let drive = match &keys.pairs {
+            Some(pairs) => PairPattern::Pairs(plain(pairs)),
+            None => self.pattern("protocol.drive", keys.drive.as_deref())?,
+        };
+        Ok(PairProtocol {
+            electrodes,
+            drive,
+            measure: self.pattern("protocol.measure", keys.measure.as_deref())?,
+            driven_electrodes: match keys.driven_electrodes {
+                Driven::Drop => DrivenElectrodes::Drop,
+                Driven::Keep => DrivenElectrodes::Keep,
+            },
+            order: match keys.order {
+                Order::Rotated => eit_fem::Order::Rotated,
+                Order::Ascending => eit_fem::Order::Ascending,
+            },
+            current_a: keys.current_a.unwrap_or(DEFAULT_CURRENT_A),
+        })
+    }
+
+    fn pattern(&self, key: &str, text: Option<&str>) -> Result<PairPattern, SkinError> {
+        match text {
+            None | Some("adjacent") => Ok(PairPattern::Adjacent),
+            Some("opposite") => Ok(PairPattern::Opposite),
+            Some(other) => match other.strip_prefix("skip-").map(str::parse) {
+                Some(Ok(between)) => Ok(PairPattern::Skip(between)),
+                _ => Err(self.error(format!(
+                    "{key} = \"{other}\" is none of \"adjacent\", \"opposite\", \"skip-N\" \
+                     (N electrodes between){}",
+                    if key == "protocol.drive" { ", \"trigonometric\"" } else { "" }
+                ))),
+            },
+        }
+    }
+
+    fn quadruples(&self, file: &Path) -> Result<Vec<[u32; 4]>, SkinError> {
+        let path = self.resolve(file);
+        let table = eit_hw::csv::read(&path, &eit_hw::csv::CsvOptions::default())?.real;
+        let index = |value: &f64| {
+            let whole = value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(value);
+            whole.then_some(*value as u32)
+        };
+        let rows = table.rows().into_iter().enumerate();
+        rows.map(|(row, values)| {
+            let numbers: Option<Vec<u32>> = values.iter().map(index).collect();
+            numbers.and_then(|n| <[u32; 4]>::try_from(n).ok()).ok_or_else(|| {
+                let found: Vec<f64> = values.to_vec();
+                SkinError::input(format!(
+                    "{}: row {}: {found:?} is not four electrode indices a,b,m,n from 0",
+                    path.display(),
+                    row + 1
+                ))
+            })
+        })
+        .collect()
+    }
+
+    fn pattern_protocol(
+        &self,
+        stimulation: &Path,
+        electrodes: usize,
+        current_a: f64,
+    ) -> Result<Protocol, SkinError> {
+        let measurement = self.needed(
+            self.protocol.measurement_file.as_deref(),
+            "protocol.measurement_file",
+            "protocol.stimulation_file",
+        )?;
+        let mut stimulation_matrix = read_patterns(&self.resolve(stimulation), electrodes)?;
+        let measurement_matrix = read_patterns(&self.resolve(measurement), electrodes)?;
+        for (file, matrix) in
+            [(stimulation, &stimulation_matrix), (measurement, &measurement_matrix)]
+        {
+            if matrix.nrows() != electrodes {
+                return Err(SkinError::input(format!(
+                    "{}: shape {:?}, but it must be [electrode, pattern] with {electrodes} \
+                     electrodes",
+                    self.resolve(file).display(),
+                    matrix.shape()
+                )));
+            }
+        }
+        stimulation_matrix *= current_a;
+        Ok(Protocol::from_patterns(stimulation_matrix.view(), measurement_matrix.view())?)
+    }
+}
+
+/// A pattern matrix [electrode, pattern] of any number type from an `.npy` file.
+fn read_patterns(path: &Path, electrodes: usize) -> Result<ndarray::Array2<f64>, SkinError> {
+    let matrix = eit_hw::npy::read(path, &eit_hw::npy::NpyOptions::default())?.real;
+    // the reader takes one column for one frame: here it is one pattern
+    let one_pattern = matrix.dim() == (1, electrodes) && electrodes > 1;
+    Ok(if one_pattern { matrix.reversed_axes() } else { matrix })
+}

@@ -1,0 +1,115 @@
+//! Whether a scene stores charge, and its complex admittivity and contacts.
+
+use super::{ElementKeys, OneOrMany, Scene};
+use crate::error::SkinError;
+use eit_fem::{Complex64, admittivity};
+
+const CONTACT: &str = "electrodes.contact_capacitance_f_per_m";
+
+impl Scene {
+    /// Whether a capacitance of the scene carries current at its frequency. Where none does, nothing
+    /// complex is built or computed.
+    pub fn is_reactive(&self) -> bool {
+        let mut capacitances =
+            self.skin.permittivity_f.into_iter().chain(self.contact_capacitances());
+        self.frequency_hz() > 0.0 && capacitances.any(|c| c > 0.0)
+    }
+
+    /// Why nothing of the scene is complex; for scenes of which [`Scene::is_reactive`] is false.
+    pub fn why_real(&self) -> &'static str {
+        let keys = (&self.skin.permittivity_f, &self.electrodes.contact_capacitance_f_per_m);
+        match keys {
+            (None, None) => "the scene has no reactive part",
+            _ => "the capacitances or the frequency are zero: no current flows through them",
+        }
+    }
+
+    /// Hertz; zero where the scene states none.
+    pub fn frequency_hz(&self) -> f64 {
+        self.protocol.frequency_hz.unwrap_or(0.0)
+    }
+
+    /// Admittivity of a sheet of this conductivity and the scene's permittivity, siemens per square.
+    pub fn admittivity_of(&self, conductivity_s: f64) -> Complex64 {
+        admittivity(conductivity_s, self.skin.permittivity_f.unwrap_or(0.0), self.frequency_hz())
+    }
+
+    /// Contact impedance of each electrode: resistance and capacitance in parallel.
+    pub fn complex_contact_impedance(&self, electrodes: usize) -> Result<Vec<Complex64>, SkinError> {
+        let resistances = self.contact_impedance(electrodes)?;
+        let keys = self.electrodes.contact_capacitance_f_per_m.as_ref();
+        let capacitances_f = self.each(CONTACT, keys, electrodes)?;
+        let contact = |(l, (r, c)): (usize, (&f64, f64))| {
+            let susceptance = admittivity(0.0, c, self.frequency_hz()).im;
+            if r.is_nan() || *r <= 0.0 || (r.is_infinite() && susceptance == 0.0) {
+                return Err(self.error(format!(
+                    "electrodes.contact_impedance_ohm_m is {r} at electrode {}: on a skin that stores \
+                     charge it must be above zero, and finite where the contact has no capacitance",
+                    l + 1
+                )));
+            }
+            if susceptance == 0.0 {
+                return Ok(Complex64::from(*r));
+            }
+            Ok(Complex64::new(1.0 / r, susceptance).inv())
+        };
+        resistances.iter().zip(capacitances_f).enumerate().map(contact).collect()
+    }
+
+    /// Contacts that a model cannot be made with, before anything is meshed.
+    pub fn check_contacts(&self, electrodes: usize) -> Result<(), SkinError> {
+        match self.is_reactive() {
+            true => self.complex_contact_impedance(electrodes).map(drop),
+            false => self.contact_impedance(electrodes).map(drop),
+        }
+    }
+
+    /// Refuses a scene that stores charge, for commands that know conductivity only.
+    pub fn refuse_reactive(&self) -> Result<(), SkinError> {
+        if !self.is_reactive() {
+            return Ok(());
+        }
+        Err(self.error(format!(
+            "the scene stores charge at {} Hz (permittivity_f, contact_capacitance_f_per_m): only \
+             `eit forward`, `eit jacobian`, `eit plan` and `eit mesh` know complex admittivity; for \
+             this command take protocol.frequency_hz and the capacitances out",
+            self.frequency_hz()
+        )))
+    }
+
+    /// Capacitances and frequency in range, and elements that know them.
+    pub fn check_reactive(&self) -> Result<(), SkinError> {
+        let values = self.contact_capacitances().map(|c| (CONTACT, c));
+        let values = values
+            .chain(self.skin.permittivity_f.map(|c| ("skin.permittivity_f", c)))
+            .chain(self.protocol.frequency_hz.map(|f| ("protocol.frequency_hz", f)));
+        for (key, value) in values {
+            if !(value.is_finite() && value >= 0.0) {
+                let message = format!("{key} is {value}: it must be finite and not below zero");
+                return Err(SkinError::input(message));
+            }
+        }
+        if self.is_reactive() && self.mesh.required_accuracy.is_some() {
+            return Err(SkinError::input(
+                "mesh.required_accuracy is judged by the voltages of conductivities: a skin that \
+                 stores charge takes mesh.nodes or edge_m",
+            ));
+        }
+        if self.is_reactive() && self.mesh.elements == Some(ElementKeys::Quadratic) {
+            return Err(SkinError::input(
+                "mesh.elements is \"quadratic\": skins that store charge are solved on linear \
+                 elements only",
+            ));
+        }
+        Ok(())
+    }
+
+    fn contact_capacitances(&self) -> impl Iterator<Item = f64> {
+        let values: &[f64] = match &self.electrodes.contact_capacitance_f_per_m {
+            None => &[],
+            Some(OneOrMany::One(c)) => std::slice::from_ref(c),
+            Some(OneOrMany::Many(list)) => list,
+        };
+        values.iter().copied()
+    }
+}

@@ -1,0 +1,123 @@
+//! `[reconstruction]`: what image is wanted.
+
+use serde::Deserialize;
+
+/// `[reconstruction]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reconstruction {
+    pub method: Option<String>,
+    pub pixels: Option<usize>,
+    /// Time that an image may take, seconds: what is not stated is chosen for it.
+    pub frame_time_s: Option<f64>,
+    /// The method is not the scene's word but was chosen for that time.
+    #[serde(skip)]
+    pub chosen_in_time: bool,
+    pub prior: Option<PriorKind>,
+    pub correlation_length_m: Option<f64>,
+    pub hyperparameter: Option<Hyperparameter>,
+    pub noise_figure: Option<f64>,
+    pub difference: Option<DifferenceKind>,
+    /// Use measurements on electrodes that carry current too; they hold contact impedances.
+    #[serde(default)]
+    pub use_driven_electrodes: bool,
+    /// How far electrodes move with the fabric, standard deviation along the rim and across it,
+    /// metres: unknowns beside the image.
+    pub electrode_movement_m: Option<f64>,
+    /// Weights of total variation.
+    pub lambda_space: Option<f64>,
+    pub lambda_time: Option<f64>,
+    /// Radius of the data constraint instead of a penalty.
+    pub delta: Option<Delta>,
+    /// Bounds of the conductivity change.
+    pub lower_s: Option<f64>,
+    pub upper_s: Option<f64>,
+    /// When an iteration is good enough, and when it must end.
+    pub target_gap: Option<f64>,
+    pub deadline_s: Option<f64>,
+}
+
+impl Reconstruction {
+    /// Keys present that only the total variation methods read.
+    pub fn keys_of_tv(&self) -> impl Iterator<Item = &'static str> {
+        let keys = [
+            ("reconstruction.lambda_space", self.lambda_space.is_some()),
+            ("reconstruction.lambda_time", self.lambda_time.is_some()),
+            ("reconstruction.delta", self.delta.is_some()),
+            ("reconstruction.target_gap", self.target_gap.is_some()),
+            ("reconstruction.deadline_s", self.deadline_s.is_some()),
+        ];
+        keys.into_iter().filter(|key| key.1).map(|key| key.0)
+    }
+
+    /// Bounds present, which total variation and the absolute method read.
+    pub fn bounds(&self) -> impl Iterator<Item = &'static str> {
+        let keys = [
+            ("reconstruction.lower_s", self.lower_s.is_some()),
+            ("reconstruction.upper_s", self.upper_s.is_some()),
+        ];
+        keys.into_iter().filter(|key| key.1).map(|key| key.0)
+    }
+
+    /// Keys present that only the Gauss-Newton methods (and those with a prior in time) read.
+    pub fn keys_of_gauss_newton(&self) -> impl Iterator<Item = &'static str> {
+        let keys = [
+            ("reconstruction.prior", self.prior.is_some()),
+            ("reconstruction.correlation_length_m", self.correlation_length_m.is_some()),
+            ("reconstruction.hyperparameter", self.hyperparameter.is_some()),
+            ("reconstruction.noise_figure", self.noise_figure.is_some()),
+        ];
+        keys.into_iter().filter(|key| key.1).map(|key| key.0)
+    }
+}
+
+/// `reconstruction.delta`: a number, or by the noise.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(untagged, expecting = "a number, or \"noise\"")]
+pub enum Delta {
+    Value(f64),
+    Rule(DeltaRule),
+}
+
+/// Rules for the radius.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DeltaRule {
+    /// The root of the number of measurements.
+    Noise,
+}
+
+/// `reconstruction.prior`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PriorKind {
+    Tikhonov,
+    Noser,
+    Laplace,
+    Gaussian,
+}
+
+/// `reconstruction.hyperparameter`: a number or a rule.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(untagged, expecting = "a number, or one of \"noise-figure\", \"l-curve\", \"gcv\"")]
+pub enum Hyperparameter {
+    Value(f64),
+    Rule(Rule),
+}
+
+/// Rules that choose the hyperparameter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Rule {
+    NoiseFigure,
+    LCurve,
+    Gcv,
+}
+
+/// `reconstruction.difference`
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DifferenceKind {
+    Normalised,
+    Plain,
+}

@@ -1,0 +1,151 @@
+//! Sequences of a real skin, whose truth nobody knows: wanted images by the paper's rule.
+
+use super::motion::Random;
+use super::workshop::Bench;
+use super::{HELD_OUT, is_held_out};
+use crate::error::SkinError;
+use crate::frames::{self, Frames, QuietFrames};
+use crate::progress::Progress;
+use crate::scene::{Scene, TouchSign};
+use eit_denoise::{ImageStack, MeasurementOrder, Shard, ThresholdRule};
+use ndarray::{Array2, Axis};
+use std::path::PathBuf;
+
+/// Recordings, each against the reference of the scene.
+pub struct Recorded {
+    names: Vec<String>,
+    recordings: Vec<Frames>,
+    /// Sequences that will be asked for.
+    count: usize,
+}
+
+/// Fewest frames of a recording that stands alone: one in [`HELD_OUT`] of them is held out.
+const LEAST_FRAMES: usize = 2 * HELD_OUT;
+
+impl Recorded {
+    /// Reads all of them, before any work.
+    pub fn new(
+        bench: &Bench<'_>,
+        (files, count): (&[PathBuf], usize),
+        progress: &mut Progress,
+    ) -> Result<Self, SkinError> {
+        let chain = &bench.chain;
+        let read = |file: &PathBuf| {
+            let files = std::slice::from_ref(file);
+            frames::load(bench.scene, &chain.setup.protocol, files, None)
+        };
+        let recordings = progress.stage("read recordings", || {
+            files.iter().map(read).collect::<Result<Vec<_>, SkinError>>()
+        })?;
+        let names: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
+        if let ([name], [alone]) = (&names[..], &recordings[..])
+            && alone.values.nrows() < LEAST_FRAMES
+        {
+            return Err(SkinError::input(format!(
+                "{name}: {} frames, but one recording alone needs {LEAST_FRAMES} or more: some are \
+                 held out",
+                alone.values.nrows()
+            )));
+        }
+        Ok(Self { names, recordings, count })
+    }
+
+    /// What the pairs depend on beside the chain.
+    pub fn recipe(&self, scene: &Scene) -> String {
+        let frames = |(name, frames): (&String, &Frames)| {
+            let mut bytes = Vec::new();
+            let quiet = frames.quiet.iter().flat_map(|quiet| &quiet.values);
+            for value in frames.values.iter().chain(&frames.reference).chain(quiet) {
+                bytes.extend(value.to_le_bytes());
+            }
+            bytes.extend(frames.good.iter().chain(&frames.used).map(|flag| u8::from(*flag)));
+            format!("{name} ({:08x})", crc32fast::hash(&bytes))
+        };
+        let list: Vec<String> = self.names.iter().zip(&self.recordings).map(frames).collect();
+        format!(
+            "recorded: {}, {:?}, {:?}, {:?}",
+            list.join(", "),
+            ThresholdRule::default(),
+            scene.noise,
+            scene.touch.sign
+        )
+    }
+
+    /// The frames of a sequence. What is held out is never learnt from, turned or not: the last
+    /// recordings, or the last frames of a recording that stands alone.
+    fn frames(&self, index: usize) -> Frames {
+        let is_held_out = is_held_out(index, self.count);
+        let [alone] = &self.recordings[..] else {
+            let learnt = self.recordings.len() - self.recordings.len().div_ceil(HELD_OUT);
+            let (learnt, held_out) = self.recordings.split_at(learnt);
+            let list = if is_held_out { held_out } else { learnt };
+            return list[index % list.len()].clone();
+        };
+        let count = alone.values.nrows();
+        let learnt = count - count / HELD_OUT;
+        let part = if is_held_out { learnt..count } else { 0..learnt };
+        Frames {
+            values: alone.values.slice_axis(Axis(0), part.clone().into()).to_owned(),
+            good: alone.good.slice_axis(Axis(0), part.into()).to_owned(),
+            ..alone.clone()
+        }
+    }
+
+    /// A sequence by its number: recordings as they are, then turned again and again.
+    pub fn sequence(&self, bench: &Bench<'_>, index: usize) -> Result<Shard, SkinError> {
+        let recording = self.frames(index);
+        let mut random = Random::new(bench.seed, index, 0);
+        let turned = match bench.symmetries.is_empty() || index < self.recordings.len() {
+            true => recording,
+            false => {
+                turned(&recording, &bench.symmetries[random.choice(bench.symmetries.len())].1)?
+            }
+        };
+        let chained = bench.chain.reconstruct_frames(turned)?;
+        let mut data = bench.data(&chained)?;
+        let sign = if bench.scene.touch.sign == TouchSign::Decrease { -1.0 } else { 1.0 };
+        let mask = bench.chain.raster.mask();
+        let raw = ImageStack::new(chained.images.mapv(|v| sign * v), mask.clone())?;
+        let wanted = ThresholdRule::default().on(mask.view())?.apply(&raw)?;
+        if let Some(data) = &mut data {
+            // of the images that are turned over, the data too
+            data.differences.mapv_inplace(|v| sign as f32 * v);
+        }
+        let shard = Shard::new(&raw, &wanted)?;
+        Ok(Shard { data, ..shard })
+    }
+}
+
+/// How the turned skin would have measured.
+fn turned(frames: &Frames, order: &MeasurementOrder) -> Result<Frames, SkinError> {
+    let row = |values: &[f64]| {
+        let mut out = vec![0.0; values.len()];
+        order.apply_into(values, &mut out)?;
+        Ok::<_, SkinError>(out)
+    };
+    let rows = |values: &Array2<f64>| {
+        let mut out = values.clone();
+        for mut values in out.rows_mut() {
+            let new = row(&values.to_vec())?;
+            values.assign(&ndarray::ArrayView1::from(&new));
+        }
+        Ok::<_, SkinError>(out)
+    };
+    // flags go where their values go; the sign of a turned pair does not matter
+    let flags = |flag: bool| if flag { 1.0 } else { 0.0 };
+    let used: Vec<f64> = frames.used.iter().map(|used| flags(*used)).collect();
+    let quiet = match &frames.quiet {
+        Some(quiet) => {
+            Some(QuietFrames { values: rows(&quiet.values)?, source: quiet.source.clone() })
+        }
+        None => None,
+    };
+    Ok(Frames {
+        values: rows(&frames.values)?,
+        reference: row(&frames.reference)?,
+        good: rows(&frames.good.mapv(flags))?.mapv(|v| v != 0.0),
+        used: row(&used)?.iter().map(|v| *v != 0.0).collect(),
+        quiet,
+        ..frames.clone()
+    })
+}

@@ -1,0 +1,176 @@
+//! Sequences of simulated touches: simulate, turn, reconstruct, and the truth turned alike.
+
+use super::motion::{Fingers, MOST, QUIET, RECIPE, Random, fabric, script};
+use super::workshop::Bench;
+use super::BaseRequest;
+use crate::error::SkinError;
+use crate::pipeline::{self, Setup};
+use crate::progress::Progress;
+use crate::scene::{Scene, Shape};
+use eit_denoise::{ImageStack, Shard};
+use eit_fem::FemError;
+use eit_fem::fabric::{Fabric, PlayCircle, Simulation, SimulationSettings};
+use eit_mesh::Raster;
+use ndarray::{Array3, ArrayView2, Axis};
+
+/// Nodes of the mesh that simulates: twice those that reconstruct.
+const NODES: usize = 4000;
+/// Pixels of the truth for each of an image's, along a side: it is turned before it is averaged.
+const FINE: usize = 2;
+/// Scripts that are drawn before giving up on one that no fabric bears.
+const ATTEMPTS: usize = 8;
+
+/// What simulates, and what is simulated.
+pub struct Simulated {
+    frames: usize,
+    fingers: Fingers,
+    simulating: Setup,
+    fine: Raster,
+}
+
+impl Simulated {
+    /// Checks what was asked for, before any work; frames of a sequence and quiet ones among them.
+    pub fn lengths(args: &BaseRequest, scene: &Scene) -> Result<(usize, usize), SkinError> {
+        if args.frames < QUIET + 10 {
+            return Err(SkinError::input(format!(
+                "--frames {}: at least {}, of which {QUIET} are quiet",
+                args.frames,
+                QUIET + 10
+            )));
+        }
+        if let Some(count) = args.fingers.filter(|count| !(1..=MOST).contains(count)) {
+            return Err(SkinError::input(format!("--fingers {count}: 1 to {MOST}")));
+        }
+        if scene.skin.shape == Shape::Mesh {
+            return Err(SkinError::input(
+                "a skin from a mesh file has no second mesh to simulate on: learn from recordings \
+                 of it (--recording)",
+            ));
+        }
+        Ok((args.frames, QUIET))
+    }
+
+    /// Meshes the skin a second time.
+    pub fn new(
+        scene: &Scene,
+        args: &BaseRequest,
+        pixels: usize,
+        progress: &mut Progress,
+    ) -> Result<Self, SkinError> {
+        let fingers = args.fingers.map_or(Fingers::Any, Fingers::Always);
+        let simulating = pipeline::setup(scene, None, Some(NODES), progress)?;
+        let fine = Raster::new(simulating.mesh.surface(), FINE * pixels)?;
+        Ok(Self { frames: args.frames, fingers, simulating, fine })
+    }
+
+    /// What the pairs depend on beside the chain.
+    pub fn recipe(&self, scene: &Scene) -> String {
+        format!(
+            "{} frames, simulated on {NODES} nodes, {RECIPE}, fingers {:?}, {:?}",
+            self.frames,
+            self.fingers,
+            scene.fabric.clone().unwrap_or_default(),
+        )
+    }
+
+    /// A sequence by its number.
+    pub fn sequence(&self, bench: &Bench<'_>, index: usize) -> Result<Shard, SkinError> {
+        let mut last = SkinError::Failure("no script was tried".to_owned());
+        for attempt in 0..ATTEMPTS {
+            let mut random = Random::new(bench.seed, index, attempt);
+            match self.simulate(bench, &mut random, index)? {
+                Ok(made) => return self.pairs(bench, &mut random, made),
+                Err(error) => last = SkinError::from(error),
+            }
+        }
+        Err(last)
+    }
+
+    /// Simulates a drawn script on a drawn fabric; the inner error is one that another draw mends.
+    fn simulate(
+        &self,
+        bench: &Bench<'_>,
+        random: &mut Random,
+        index: usize,
+    ) -> Result<Result<Simulation, FemError>, SkinError> {
+        let mesh = &self.simulating.mesh;
+        let settings = fabric(random, &bench.scene.fabric.clone().unwrap_or_default());
+        let script = script(random, &PlayCircle::of(mesh), (self.frames, self.fingers));
+        let impedance = bench.scene.contact_impedance(mesh.electrodes().len())?;
+        let conductivity_s = bench.scene.skin.conductivity_s;
+        let protocol = &self.simulating.protocol;
+        let fabric = Fabric::new(mesh, protocol, conductivity_s, &impedance, &settings)?;
+        // noise and weave must not repeat from sequence to sequence
+        let seed = bench.seed.wrapping_mul(1_000_003).wrapping_add(index as u64);
+        let how = SimulationSettings { seed, threads: 1, keep_elements: false };
+        match fabric.simulate(&script, &self.fine, &how, &mut |_| {}) {
+            Ok(made) => Ok(Ok(made)),
+            Err(
+                error @ (FemError::FoldedMesh { .. }
+                | FemError::ForceTooLarge { .. }
+                | FemError::OutsideSkin { .. }),
+            ) => Ok(Err(error)),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Raw images of the frames and the truth, both turned by a symmetry of the skin.
+    fn pairs(
+        &self,
+        bench: &Bench<'_>,
+        random: &mut Random,
+        made: Simulation,
+    ) -> Result<Shard, SkinError> {
+        let mut values = made.frames_v;
+        let mut to_old = [[1.0, 0.0], [0.0, 1.0]];
+        if !bench.symmetries.is_empty() {
+            let (symmetry, order) = &bench.symmetries[random.choice(bench.symmetries.len())];
+            for mut row in values.rows_mut() {
+                let frame = row.to_vec();
+                let mut turned = vec![0.0; frame.len()];
+                order.apply_into(&frame, &mut turned)?;
+                row.assign(&ndarray::ArrayView1::from(&turned));
+            }
+            let [[a, b], [c, d]] = bench.matrix(*symmetry);
+            // the inverse of a turn or mirror image is its transpose
+            to_old = [[a, c], [b, d]];
+        }
+        let chained = bench.chain.reconstruct(&values)?;
+        let (data, raw) = (bench.data(&chained)?, chained.images);
+        let raster = &bench.chain.raster;
+        let fine = &made.truth.conductivity_change_s;
+        let mask = raster.mask();
+        let wanted = Array3::from_shape_fn(raw.dim(), |(f, r, c)| match mask[[r, c]] {
+            true => self.true_mean(fine.index_axis(Axis(0), f), (raster, [r, c]), to_old),
+            false => f64::NAN,
+        });
+        let stack = |images| ImageStack::new(images, mask.clone());
+        let shard = Shard::new(&stack(raw)?, &stack(wanted)?)?;
+        Ok(Shard { data, ..shard })
+    }
+
+    /// Mean of the truth over a pixel, whose places `to_old` takes to where they were simulated.
+    fn true_mean(
+        &self,
+        fine: ArrayView2<'_, f64>,
+        (raster, [row, column]): (&Raster, [usize; 2]),
+        to_old: [[f64; 2]; 2],
+    ) -> f64 {
+        let [x, y] = raster.centre_m(row, column);
+        let step = raster.pixel_m() / (2 * FINE) as f64;
+        let (mut sum, mut count) = (0.0, 0);
+        for i in 0..2 * FINE {
+            for j in 0..2 * FINE {
+                let off = |k: usize| (k as f64 + 0.5 - FINE as f64) * step;
+                let p = [x + off(i), y + off(j)];
+                let old = to_old.map(|row| row[0] * p[0] + row[1] * p[1]);
+                let value = self.fine.pixel_at(old).map(|place| fine[place]);
+                if let Some(value) = value.filter(|v| v.is_finite()) {
+                    (sum, count) = (sum + value, count + 1);
+                }
+            }
+        }
+        // a pixel of the rim may lie off the other mesh
+        if count == 0 { 0.0 } else { sum / f64::from(count) }
+    }
+}
