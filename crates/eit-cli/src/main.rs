@@ -11,7 +11,6 @@ mod cli;
 mod commands;
 mod connect;
 mod denoise;
-mod draw;
 mod emulated;
 mod error;
 mod frames;
@@ -21,13 +20,34 @@ mod machine;
 mod measured;
 mod method;
 mod output;
-mod picture;
 mod pipeline;
 mod progress;
 mod scene;
 mod simulate;
-mod view;
 mod watch;
+
+/// What the commands call `crate::picture`, `crate::view` and `crate::draw`, until they name eit-picture.
+mod picture {
+    pub(crate) use eit_picture::{
+        Canvas, ColorMap, FrameLabels, MeshDrawing, PictureError, PictureSettings, Plot, Series,
+        SkinDrawing, Track, TracksPanel, draw_mesh, draw_plot, draw_sheet, draw_tracks, write_gif,
+    };
+}
+mod view {
+    pub(crate) use eit_picture::View;
+}
+mod draw {
+    use eit_mesh::{Mesh, Raster};
+    use eit_picture::{SkinDrawing, View};
+
+    pub(crate) fn skin(mesh: &Mesh, raster: &Raster) -> SkinDrawing {
+        SkinDrawing::from_raster(mesh, raster)
+    }
+
+    pub(crate) fn skin_of_mesh(mesh: &Mesh, view: &View) -> SkinDrawing {
+        SkinDrawing::from_mesh(mesh, view)
+    }
+}
 
 use clap::Parser as _;
 use cli::{Cli, Command};
