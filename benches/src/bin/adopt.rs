@@ -5,7 +5,7 @@
 //!
 //! The tables of choices, plans and the best meshes of forward problems go to `docs/PERFORMANCE.md`,
 //! pictures to `docs/images`, and `inverse.csv`, without peers and without nets that are not shipped, to
-//! `crates/eit-cli/src/measured.csv`, which `eit plan` reads. DIR of `eit report --forward` has the forward
+//! `crates/eit-skin/src/plan/measured.csv`, which `eit plan` reads. DIR of `eit report --forward` has the forward
 //! problems alone: the rest stays as it is.
 #![allow(clippy::print_stdout, reason = "a program")]
 
@@ -80,7 +80,7 @@ fn main() -> Result<()> {
     }
     let table = shipped(&read(&folder.join("inverse.csv"))?)?;
     let rows = table.lines().count() - 1;
-    let place = root.join("crates/eit-cli/src/measured.csv");
+    let place = root.join("crates/eit-skin/src/plan/measured.csv");
     fs::write(&place, table).map_err(|e| format!("{}: {e}", place.display()))?;
     println!("{rows} rows adopted");
     Ok(())

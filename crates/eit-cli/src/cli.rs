@@ -4,8 +4,7 @@ mod live;
 mod report;
 
 pub(crate) use live::{
-    CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, QUIET, RecordArgs, ReplayArgs,
-    WatchArgs,
+    CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, RecordArgs, ReplayArgs, WatchArgs,
 };
 pub(crate) use report::{ReportArgs, TouchPart};
 

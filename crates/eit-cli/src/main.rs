@@ -9,25 +9,9 @@
 
 mod cli;
 mod commands;
-mod connect;
-mod denoise;
-mod draw;
-mod emulated;
 mod error;
-mod frames;
-mod html;
 mod interrupt;
-mod machine;
-mod measured;
-mod method;
-mod output;
-mod picture;
-mod pipeline;
 mod progress;
-mod scene;
-mod simulate;
-mod view;
-mod watch;
 
 use clap::Parser as _;
 use cli::{Cli, Command};

@@ -1,97 +1,64 @@
-//! Progress on a terminal, nothing in a pipe; and the time of each stage.
+//! Progress on a terminal, nothing in a pipe.
 
+use eit_skin::{Observer, Progress};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
-use serde::Serialize;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Columns below which a bar has no room beside its words.
 const NARROW: u16 = 60;
 
-/// Time of one stage.
-#[derive(Debug, Clone, Serialize)]
-pub(crate) struct StageTime {
-    /// What was done.
-    pub stage: &'static str,
-    /// Wall time, seconds.
-    pub time_s: f64,
+/// Progress that the terminal shows.
+pub(crate) fn terminal() -> Progress {
+    Progress::new(Box::new(Bars::default()))
 }
 
-/// Runs stages one after the other, shows the present one, keeps the times.
+/// One bar for each line of work, on stderr, and only if that is a terminal.
 #[derive(Default)]
-pub(crate) struct Progress {
-    times: Vec<StageTime>,
-    silent: bool,
-    /// What the stages are part of; may be empty.
-    group: String,
-    bars: MultiProgress,
+struct Bars {
+    all: MultiProgress,
+    current: Option<ProgressBar>,
 }
 
-impl Progress {
-    /// Shows nothing: for the parts of work that has a bar of its own.
-    pub fn silent() -> Self {
-        Self { silent: true, ..Self::default() }
-    }
-
-    /// For work at the same time: its bars stand below those of this one.
-    pub fn beside(&self) -> Self {
-        Self { silent: self.silent, bars: self.bars.clone(), ..Self::default() }
-    }
-
-    /// Names what the next stages are part of.
-    pub fn group(&mut self, name: String) {
-        self.group = name;
-    }
-
-    /// Runs a stage without inner steps.
-    pub fn stage<T, E>(
-        &mut self,
-        stage: &'static str,
-        work: impl FnOnce() -> Result<T, E>,
-    ) -> Result<T, E> {
-        self.steps(stage, 0, |_| work())
-    }
-
-    /// Runs a stage of `steps` steps; the work reports each finished step.
-    pub fn steps<T, E>(
-        &mut self,
-        stage: &'static str,
-        steps: usize,
-        work: impl FnOnce(&ProgressBar) -> Result<T, E>,
-    ) -> Result<T, E> {
-        // draws to stderr, and only if that is a terminal
-        let bar = match (self.silent, steps) {
-            (true, _) => ProgressBar::hidden(),
-            (false, 0) => self.bars.add(ProgressBar::new_spinner()),
-            (false, steps) => self.bars.add(ProgressBar::new(steps as u64)),
+impl Observer for Bars {
+    fn begin(&mut self, group: &str, stage: &str, steps: usize) {
+        let bar = match steps {
+            0 => self.all.add(ProgressBar::new_spinner()),
+            steps => self.all.add(ProgressBar::new(steps as u64)),
         };
         let columns = console::Term::stderr().size_checked().map(|(_, columns)| columns);
         if let Ok(style) = ProgressStyle::with_template(template(steps, columns)) {
             bar.set_style(style);
         }
-        match self.group.as_str() {
-            "" => bar.set_message(stage),
+        match group {
+            "" => bar.set_message(stage.to_owned()),
             group => bar.set_message(format!("{group}: {stage}")),
         }
-        if !self.silent {
-            bar.enable_steady_tick(Duration::from_millis(100));
-        }
-        let start = Instant::now();
-        let result = work(&bar);
-        self.times.push(StageTime { stage, time_s: start.elapsed().as_secs_f64() });
-        bar.finish_and_clear();
-        result
+        bar.enable_steady_tick(Duration::from_millis(100));
+        self.current = Some(bar);
     }
 
-    /// Says something beside the bars, on stderr: nothing that a pipe would read.
-    pub fn note(&self, text: &str) {
-        if !self.silent {
-            self.bars.suspend(|| eprintln!("eit: note: {text}"));
-        }
+    fn length(&mut self, steps: usize) {
+        self.current.iter().for_each(|bar| bar.set_length(steps as u64));
     }
 
-    /// Times so far.
-    pub fn times(&self) -> &[StageTime] {
-        &self.times
+    fn position(&mut self, done: usize) {
+        self.current.iter().for_each(|bar| bar.set_position(done as u64));
+    }
+
+    fn message(&mut self, text: &str) {
+        self.current.iter().for_each(|bar| bar.set_message(text.to_owned()));
+    }
+
+    fn end(&mut self) {
+        self.current.take().iter().for_each(ProgressBar::finish_and_clear);
+    }
+
+    fn note(&mut self, text: &str) {
+        self.all.suspend(|| eprintln!("eit: note: {text}"));
+    }
+
+    fn beside(&self) -> Box<dyn Observer> {
+        Box::new(Self { all: self.all.clone(), current: None })
     }
 }
 

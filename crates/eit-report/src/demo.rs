@@ -15,17 +15,16 @@ use self::experiment::{EXPERIMENTS, Experiment, Lab, QUIET};
 use self::folder::DemoFolder;
 use self::pictures::{File, Shown};
 use crate::Answer;
-use crate::settings::DemoSettings;
-use eit_picture::draw;
 use crate::error::ReportError;
-use eit_skin::StopFlag;
 use crate::output::{OutFolder, io};
-use eit_picture::SkinDrawing;
-use eit_skin::pipeline;
-use eit_skin::Progress;
-use eit_skin::scene::{Instrument, Scene};
-use eit_skin::live::Model;
+use crate::settings::DemoSettings;
 use eit_fem::fabric::Simulation;
+use eit_picture::SkinDrawing;
+use eit_skin::Progress;
+use eit_skin::StopFlag;
+use eit_skin::live::Model;
+use eit_skin::pipeline;
+use eit_skin::scene::{Instrument, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -53,37 +52,39 @@ struct Stage<'a> {
     model: &'a Model,
     instrument: &'a Instrument,
     skin: SkinDrawing,
-    interrupt: &'a Interrupt,
+    interrupt: &'a StopFlag,
     /// One of them has failed: the other need not go on.
     has_failed: AtomicBool,
 }
 
 /// Runs the demo.
-pub fn run(args: &DemoSettings) -> Result<Answer, ReportError> {
+pub fn run(
+    args: &DemoSettings,
+    interrupt: &StopFlag,
+    progress: &mut Progress,
+) -> Result<Answer, ReportError> {
     let start = Instant::now();
     let folder = DemoFolder::claim(&args.out, &own(), args.force)?;
-    let interrupt = Interrupt::listen()?;
     folder.write_scene(args.quick)?;
     let scene = Scene::load(&folder.scene().display().to_string())?;
     let instrument = scene.instrument()?;
-    let mut progress = Progress::default();
-    let lab = Lab::new(&scene, args.quick, &mut progress)?;
-    let model = Model::new(scene, QUIET, &mut progress)?;
-    let raster = pipeline::raster(&model.scene, &model.setup, &mut progress)?;
+    let lab = Lab::new(&scene, args.quick, progress)?;
+    let model = Model::new(scene, QUIET, progress)?;
+    let raster = pipeline::raster(&model.scene, &model.setup, progress)?;
     let stage = Stage {
         folder: &folder,
         model: &model,
         instrument: &instrument,
-        skin: draw::skin(&model.setup.mesh, &raster),
-        interrupt: &interrupt,
+        skin: eit_picture::SkinDrawing::from_raster(&model.setup.mesh, &raster),
+        interrupt,
         has_failed: AtomicBool::new(false),
     };
-    let (shown, files) = stage.experiments(&lab, &mut progress)?;
+    let (shown, files) = stage.experiments(&lab, progress)?;
     let seconds = start.elapsed().as_secs_f64();
     if shown.len() < EXPERIMENTS.len() || shown.iter().any(|shown| !shown.seen.is_whole) {
         return Ok(interrupted(&folder, &shown));
     }
-    stage.report(&shown, files, (lab.nodes(), seconds), &mut progress)
+    stage.report(&shown, files, (lab.nodes(), seconds), progress)
 }
 
 impl Stage<'_> {

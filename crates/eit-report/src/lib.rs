@@ -1,7 +1,9 @@
 #![doc = include_str!("../README.md")]
 #![allow(missing_docs)]
 
+pub mod curve;
 pub mod demo;
+pub mod denoised;
 mod error;
 pub mod html;
 pub mod output;
@@ -9,6 +11,7 @@ pub mod reconstruct;
 pub mod report;
 pub mod settings;
 pub mod simulate;
+pub mod simulated;
 pub mod watched;
 
 pub use error::ReportError;
@@ -22,4 +25,12 @@ pub struct Answer {
     pub text: String,
     /// For programs: one object.
     pub json: Value,
+}
+
+/// The text of an answer with its warning, if there is one.
+pub fn with_warning(text: String, warning: Option<&String>) -> String {
+    match warning {
+        Some(warning) => format!("{text}\nwarning: {warning}"),
+        None => text,
+    }
 }

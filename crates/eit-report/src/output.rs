@@ -172,3 +172,17 @@ pub fn write_csv(
     }
     Ok(())
 }
+
+/// The ending of a path, lower case.
+pub fn ending(path: &Path) -> String {
+    path.extension().map_or_else(String::new, |e| e.to_string_lossy().to_lowercase())
+}
+
+/// Images of a file, [frame, row, column].
+pub fn read_images(path: &Path) -> Result<ndarray::Array3<f64>, ReportError> {
+    use ndarray_npy::ReadNpyExt as _;
+    let refused =
+        |e: &dyn std::fmt::Display| ReportError::input(format!("{}: {e}", path.display()));
+    let file = std::fs::File::open(path).map_err(|e| refused(&e))?;
+    ndarray::Array3::<f64>::read_npy(std::io::BufReader::new(file)).map_err(|e| refused(&e))
+}

@@ -6,21 +6,21 @@ pub(super) mod touches;
 
 pub use total_variation::status_words as movie_status_words;
 
-use super::{Answer, solve_json};
-use crate::settings::ReconstructSettings;
-use eit_skin::denoise;
-use eit_picture::draw;
+use crate::Answer;
 use crate::error::ReportError;
-use eit_skin::frames::{self, Frames, ModelFit};
-use eit_skin::plan::measured;
-use eit_skin::method::{self, Method};
 use crate::output::{OutFolder, io, write_npy};
+use crate::settings::ReconstructSettings;
+use eit_fem::{SolvePath, SolveReport};
+use eit_mesh::Raster;
 use eit_picture::{Canvas, FrameLabels, PictureSettings, SkinDrawing, draw_sheet, write_gif};
+use eit_skin::Progress;
+use eit_skin::denoise;
+use eit_skin::frames::{self, Frames, ModelFit};
+use eit_skin::method::{self, Method};
 use eit_skin::pipeline::movement::{self, Freed};
 use eit_skin::pipeline::{self, Linearised, Setup};
-use eit_skin::Progress;
+use eit_skin::plan::measured;
 use eit_skin::scene::{DifferenceKind, Reference, Scene};
-use eit_mesh::Raster;
 use ndarray::{Array3, ArrayView3};
 use serde_json::{Value, json};
 
@@ -57,20 +57,19 @@ struct Task<'a> {
 }
 
 /// Reads frames, reconstructs, draws, reports.
-pub fn run(args: &ReconstructSettings) -> Result<Answer, ReportError> {
+pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer, ReportError> {
     let scene = Scene::load(&args.scene)?;
     pipeline::touches::check(&scene)?;
     // an unknown name is refused before anything is made
     method::choose(&scene, args.method.as_deref(), None)?;
     let net = denoise::of_scene(&scene)?;
     let mut out = OutFolder::new(&args.out)?;
-    let mut progress = Progress::default();
-    let setup = pipeline::setup(&scene, None, None, &mut progress)?;
+    let setup = pipeline::setup(&scene, None, None, progress)?;
     let reference = args.reference.clone().map(Reference::Text);
     let mut frames = progress.stage("read frames", || {
         frames::load(&scene, &setup.protocol, &args.frames, reference.as_ref())
     })?;
-    let linearised = pipeline::linearise(&scene, &setup, &mut progress)?;
+    let linearised = pipeline::linearise(&scene, &setup, progress)?;
     let model_voltages = linearised.voltages.to_vec();
     let count = Some(frames.values.nrows());
     let scene = measured::in_time(scene, &setup, (count, false), &model_voltages)?;
@@ -81,13 +80,13 @@ pub fn run(args: &ReconstructSettings) -> Result<Answer, ReportError> {
     let (linearised, setup) = (&linearised, &setup);
     let task =
         Task { scene: &scene, method, setup, linearised, frames: &frames, fit, before: None };
-    let mut made = make(&task, &mut progress)?;
+    let mut made = make(&task, progress)?;
     let gain = task.fit.gain;
     if let Some(net) = &net {
         out.write("raw.npy", |w| write_npy(&made.images, w))?;
         let mut check =
             denoise::Check::new(&scene, (setup, linearised, &made.raster), (&frames, gain))?;
-        let checked = net.apply(&mut made.images, &made.raster, Some(&mut check), &mut progress)?;
+        let checked = net.apply(&mut made.images, &made.raster, Some(&mut check), progress)?;
         made.footnote += ", U-net";
         made.lines.push(net.words());
         made.report["denoise"] = net.json();
@@ -105,24 +104,24 @@ pub fn run(args: &ReconstructSettings) -> Result<Answer, ReportError> {
     }
     let denoised = net.is_some().then(|| made.images.view());
     let (models, given) = ((setup, linearised), (&frames, gain));
-    let found = pipeline::touches::touches(&scene, models, given, denoised, &mut progress)?;
+    let found = pipeline::touches::touches(&scene, models, given, denoised, progress)?;
     let mut notes = frames.notes.clone();
     notes.extend(setup.notes.iter().map(|note| format!("mesh: {note}")));
     notes.extend(linearised.warning.clone());
     notes.extend(made.notes.clone());
 
     out.write("images.npy", |w| write_npy(&made.images, w))?;
-    let skin = draw::skin(&setup.mesh, &made.raster);
+    let skin = eit_picture::SkinDrawing::from_raster(&setup.mesh, &made.raster);
     let mut settings = picture_settings(&scene, made.footnote.clone(), frames.rate_hz);
     if let Some(found) = &found {
         out.write("touches.csv", |w| touches::write_csv(&found.rows, w))?;
         settings.marks_m = found.marks(frames.values.nrows());
     }
-    write_pictures(&mut out, made.images.view(), &skin, &settings, frames.rate_hz, &mut progress)?;
+    write_pictures(&mut out, made.images.view(), &skin, &settings, frames.rate_hz, progress)?;
     if let Some(curve) = &made.curve {
         out.write("hyperparameter.png", |w| Ok(curve.write_png(w)?))?;
     }
-    let mut report = report(&task, &made, (choice.why, &notes), &progress);
+    let mut report = report(&task, &made, (choice.why, &notes), progress);
     report["touches"] = touches::touches_json(found.as_ref());
     let json = with_files(report, &out);
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
@@ -294,4 +293,22 @@ fn text(task: &Task<'_>, made: &Made, (why, notes): (&str, &[String]), out: &Out
     lines.extend(notes.iter().map(|n| format!("note: {n}")));
     lines.push(format!("written to {}: {}", out.path().display(), out.names().join(", ")));
     lines.join("\n")
+}
+
+/// A forward solve for reports.
+pub fn solve_json(report: &SolveReport) -> Value {
+    json!({
+        "unknowns": report.unknowns,
+        "factor_entries": report.factor_entries,
+        "field_solves": report.field_solves,
+        "path": match report.path {
+            SolvePath::Plain => "plain",
+            SolvePath::Stable => "stable",
+            SolvePath::Accurate => "accurate",
+        },
+        "backward_error": report.backward_error,
+        "error_bound": report.error_bound,
+        "expected_loss": report.expected_loss,
+        "time_s": report.time_s,
+    })
 }

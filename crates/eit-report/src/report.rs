@@ -9,16 +9,11 @@ mod scores;
 mod table;
 mod touches;
 
-#[cfg(test)]
-pub use race::GAPS;
-#[cfg(test)]
-pub use race::case::CASES;
-
 use crate::Answer;
-use crate::settings::ReportSettings;
 use crate::error::ReportError;
 use crate::output::OutFolder;
-use eit_skin::Progress;
+use crate::settings::ReportSettings;
+use eit_skin::{Progress, StopFlag};
 
 /// Files of the parts: each run removes those of the others that it does not make.
 const FILES: [&str; 22] = [
@@ -48,18 +43,21 @@ const FILES: [&str; 22] = [
 ];
 
 /// Runs the race, the table of quality, the touch figures or those of nets.
-pub fn run(args: &ReportSettings) -> Result<Answer, ReportError> {
-    let mut progress = Progress::default();
+pub fn run(
+    args: &ReportSettings,
+    stop: &StopFlag,
+    progress: &mut Progress,
+) -> Result<Answer, ReportError> {
     if !(args.quality || args.denoise) && args.touches.is_empty() {
-        return race::run(args, &mut progress);
+        return race::run(args, stop, progress);
     }
     let mut out = OutFolder::new(&args.out)?;
     let answer = if args.quality {
-        quality::run(args.quick, &mut out, &mut progress)?
+        quality::run(args.quick, &mut out, progress)?
     } else if args.denoise {
-        denoise::run(args, &mut out, &mut progress)?
+        denoise::run(args, &mut out, progress)?
     } else {
-        touches::run((&args.touches, args.quick), &mut out, &mut progress)?
+        touches::run((&args.touches, args.quick), &mut out, progress)?
     };
     out.commit(&files())?;
     Ok(answer)

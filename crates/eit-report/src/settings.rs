@@ -75,3 +75,39 @@ pub enum TouchPart {
     /// Time from a frame to its touches.
     Latency,
 }
+
+/// Settings of a simulation on the fabric.
+#[derive(Debug, Clone)]
+pub struct SimulateSettings {
+    /// Scene file or built-in scene.
+    pub scene: String,
+    /// Built-in touch script, or a file.
+    pub script: String,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Only the first frames of the script.
+    pub frames: Option<usize>,
+    /// Nodes of the mesh that simulates.
+    pub nodes: Option<usize>,
+    /// Threads; `None`: all. The result does not depend on them.
+    pub threads: Option<usize>,
+    /// Folder for everything, or a file for the frames alone.
+    pub out: PathBuf,
+}
+
+/// Settings of images through a U-net.
+#[derive(Debug, Clone)]
+pub struct DenoiseSettings {
+    /// Scene file or built-in scene.
+    pub scene: String,
+    /// Images [frame, row, column].
+    pub images: PathBuf,
+    /// "default" or a file; `None`: the scene's.
+    pub weights: Option<String>,
+    /// Take weights of another skin or other pixels.
+    pub any_skin: bool,
+    /// True images to compare with.
+    pub truth: Option<PathBuf>,
+    /// Folder for the results.
+    pub out: PathBuf,
+}

@@ -15,11 +15,11 @@
 mod paths;
 
 use crate::error::ReportError;
+use eit_mesh::Raster;
+use eit_skin::Progress;
 use eit_skin::frames::Frames;
 use eit_skin::pipeline::{self, Setup};
-use eit_skin::Progress;
 use eit_skin::scene::Scene;
-use eit_mesh::Raster;
 use ndarray::{Array1, Array2, Array3, Axis};
 use rand_distr::Distribution as _;
 

@@ -1,39 +1,23 @@
 //! What `eit live` and `eit replay` show, keep and answer.
 
 use crate::Answer;
-use super::reconstruct::touches::{HEADER, write_row};
-use crate::cli::WatchArgs;
 use crate::error::ReportError;
-use eit_skin::StopFlag;
 use crate::output::{ImageFile, OutFolder, io};
-use eit_skin::live::{Model, Picture, Sight, Summary, Terminal, Watcher};
-use eit_hw::capture::{CaptureWriter, TouchRecord, TouchesRecord};
-use eit_hw::driver::{Event, Statistics};
+use crate::reconstruct::touches::{HEADER, write_row};
+use eit_hw::capture::{TouchRecord, TouchesRecord};
+use eit_hw::driver::Statistics;
 use eit_inverse::touch::TouchState;
+use eit_skin::live::{Sight, Summary};
 use serde_json::json;
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
-use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
 
 /// Files of `--out` that a run may leave out.
-pub(super) const OPTIONAL: [&str; 2] = ["images.npy", "raw.npy"];
-
-/// Shows, records and keeps.
-pub(super) struct Viewer<'a> {
-    model: &'a Model,
-    frames: u64,
-    start: Instant,
-    limit: Option<Duration>,
-    interrupt: Interrupt,
-    terminal: Terminal,
-    picture: Option<Picture>,
-    writer: Option<CaptureWriter>,
-    kept: Option<Kept>,
-}
+pub const OPTIONAL: [&str; 2] = ["images.npy", "raw.npy"];
 
 /// What `--out` writes, frame by frame: memory does not grow with the hours.
-pub(super) struct Kept {
+pub struct Kept {
     folder: OutFolder,
     /// From the first image on; the raw ones where a net follows.
     images: Option<(ImageFile, Option<ImageFile>)>,
@@ -86,90 +70,8 @@ impl Kept {
     }
 }
 
-impl<'a> Viewer<'a> {
-    /// Reserves what will be written.
-    pub fn new(
-        model: &'a Model,
-        args: &WatchArgs,
-        limit: Option<Duration>,
-        is_shown: bool,
-    ) -> Result<Self, ReportError> {
-        let kept = args.out.as_deref().map(Kept::new).transpose()?;
-        Ok(Self {
-            model,
-            frames: args.frames.unwrap_or(u64::MAX),
-            start: Instant::now(),
-            limit,
-            interrupt: Interrupt::listen()?,
-            terminal: Terminal::new(is_shown),
-            picture: args.picture.as_deref().map(Picture::new).transpose()?,
-            writer: None,
-            kept,
-        })
-    }
-
-    /// Records what comes from now on.
-    pub fn record(&mut self, writer: CaptureWriter) {
-        self.writer = Some(writer);
-    }
-
-    /// Ends recording and writes what was kept; the names of the files.
-    pub fn finish(self) -> Result<Vec<&'static str>, ReportError> {
-        if let Some(writer) = self.writer {
-            writer.finish()?;
-        }
-        self.kept.map_or(Ok(Vec::new()), Kept::finish)
-    }
-}
-
-impl Watcher for Viewer<'_> {
-    fn event(&mut self, event: &Event) -> Result<(), ReportError> {
-        let Some(writer) = &mut self.writer else { return Ok(()) };
-        match (event, eit_skin::connect::words(event)) {
-            (Event::Frame(frame), _) => writer.frame(frame)?,
-            (_, Some(words)) => writer.note(&words)?,
-            _ => {}
-        }
-        Ok(())
-    }
-
-    fn idle(&mut self) -> Result<(), ReportError> {
-        match &mut self.writer {
-            Some(writer) => Ok(writer.tick()?),
-            None => Ok(()),
-        }
-    }
-
-    fn waiting(&mut self, left: usize) -> Result<(), ReportError> {
-        self.terminal.waiting(left);
-        Ok(())
-    }
-
-    fn sight(&mut self, sight: &Sight<'_>) -> Result<(), ReportError> {
-        self.terminal.show(sight)?;
-        if let Some(picture) = &mut self.picture {
-            picture.show(self.model, sight)?;
-        }
-        if let Some(writer) = &mut self.writer
-            && !sight.touches.is_empty()
-        {
-            writer.touches(&record_of(sight))?;
-        }
-        if let Some(kept) = &mut self.kept {
-            kept.take(sight)?;
-        }
-        Ok(())
-    }
-
-    fn goes_on(&mut self, summary: &Summary) -> bool {
-        summary.frames < self.frames
-            && !self.interrupt.is_set()
-            && self.limit.is_none_or(|limit| self.start.elapsed() < limit)
-    }
-}
-
 /// Touches as a recording holds them.
-pub(super) fn record_of(sight: &Sight<'_>) -> TouchesRecord {
+pub fn record_of(sight: &Sight<'_>) -> TouchesRecord {
     let touches = sight.touches.iter().filter(|touch| touch.state != TouchState::End);
     TouchesRecord {
         sequence: sight.frame.sequence,
@@ -185,12 +87,7 @@ pub(super) fn record_of(sight: &Sight<'_>) -> TouchesRecord {
 }
 
 /// What was seen, for people and for programs.
-pub(super) fn answer(
-    name: &str,
-    summary: &Summary,
-    statistics: &Statistics,
-    files: &[&str],
-) -> Answer {
+pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&str]) -> Answer {
     let rate_hz =
         (summary.span_s > 0.0).then(|| summary.frames.saturating_sub(1) as f64 / summary.span_s);
     let [median, high, worst] = [0.5, 0.95, 1.0].map(|share| summary.latency_s(share));

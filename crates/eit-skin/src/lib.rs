@@ -13,8 +13,9 @@ pub mod plan;
 mod progress;
 pub mod scene;
 mod stop;
+#[cfg(feature = "learn")]
 pub mod train;
 
 pub use error::SkinError;
-pub use stop::StopFlag;
 pub use progress::{Observer, Progress, Silent, StageTime, Steps};
+pub use stop::StopFlag;

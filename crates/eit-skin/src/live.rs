@@ -16,10 +16,10 @@ use crate::connect;
 use crate::denoise::{self, Net};
 use crate::error::SkinError;
 use crate::frames::{self, Frames};
-use crate::plan::measured;
 use crate::method::{self, Method};
 use crate::pipeline::touches::TouchFinder;
 use crate::pipeline::{self, Linearised, Setup};
+use crate::plan::measured;
 use crate::progress::Progress;
 use crate::scene::{Noise, Scene};
 use eit_hw::driver::{Event, FrameSource};
@@ -73,23 +73,26 @@ pub struct Sight<'a> {
 
 /// Who sees what is found.
 pub trait Watcher {
+    /// What may go wrong with it.
+    type Error: From<SkinError>;
+
     /// An event as it came, before anything is made of it.
-    fn event(&mut self, _event: &Event) -> Result<(), SkinError> {
+    fn event(&mut self, _event: &Event) -> Result<(), Self::Error> {
         Ok(())
     }
 
     /// Nothing came for a moment.
-    fn idle(&mut self) -> Result<(), SkinError> {
+    fn idle(&mut self) -> Result<(), Self::Error> {
         Ok(())
     }
 
     /// Frames that are still wanted for the reference.
-    fn waiting(&mut self, _left: usize) -> Result<(), SkinError> {
+    fn waiting(&mut self, _left: usize) -> Result<(), Self::Error> {
         Ok(())
     }
 
     /// An image and its touches.
-    fn sight(&mut self, sight: &Sight<'_>) -> Result<(), SkinError>;
+    fn sight(&mut self, sight: &Sight<'_>) -> Result<(), Self::Error>;
 
     /// Whether to go on; called at least every 50 ms.
     fn goes_on(&mut self, summary: &Summary) -> bool;
@@ -123,18 +126,18 @@ impl Model {
     }
 
     /// Watches until the watcher has enough or the source is over.
-    pub fn watch(
+    pub fn watch<W: Watcher>(
         &self,
         source: &mut dyn FrameSource,
         is_live: bool,
-        watcher: &mut dyn Watcher,
-    ) -> Result<Summary, SkinError> {
+        watcher: &mut W,
+    ) -> Result<Summary, W::Error> {
         let mut summary = Summary::default();
         let factor = frames::live_factor(&self.scene, &self.setup.protocol, source.setup().unit);
         let (mut epoch, mut quiet) = (None, Vec::new());
         let mut first_sight = None;
         while watcher.goes_on(&summary) && !source.is_over() {
-            let Some(event) = source.next_event(WAIT)? else {
+            let Some(event) = source.next_event(WAIT).map_err(SkinError::from)? else {
                 watcher.idle()?;
                 continue;
             };

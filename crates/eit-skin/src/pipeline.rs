@@ -206,11 +206,7 @@ pub fn difference_data(kind: DifferenceKind, linearised: &Linearised) -> Differe
 }
 
 /// The pixels of the scene's pictures.
-pub fn raster(
-    scene: &Scene,
-    setup: &Setup,
-    progress: &mut Progress,
-) -> Result<Raster, SkinError> {
+pub fn raster(scene: &Scene, setup: &Setup, progress: &mut Progress) -> Result<Raster, SkinError> {
     let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
     Ok(progress.stage("raster", || Raster::new(setup.mesh.surface(), pixels))?)
 }

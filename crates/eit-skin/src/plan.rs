@@ -13,13 +13,13 @@ pub mod stages;
 mod voltage_error;
 
 use crate::error::SkinError;
-use machine::Machine;
 use crate::method::{self, MethodChoice};
 use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
 use crate::scene::Scene;
 use eit_fem::SolvePath;
 use expected::Expected;
+use machine::Machine;
 use sequence::Sequence;
 use serde_json::{Value, json};
 use stages::Stage;
@@ -34,7 +34,11 @@ pub struct Plan {
 }
 
 /// Builds what sizes need (mesh and symbolic factorisation), predicts the rest.
-pub fn plan(scene: Scene, method: Option<&str>, progress: &mut Progress) -> Result<Plan, SkinError> {
+pub fn plan(
+    scene: Scene,
+    method: Option<&str>,
+    progress: &mut Progress,
+) -> Result<Plan, SkinError> {
     if scene.is_reactive() {
         return reactive::plan(&scene, method, progress);
     }

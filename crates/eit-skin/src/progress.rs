@@ -1,6 +1,7 @@
 //! Progress of long work: stages with their times, told to whoever observes them.
 
 use serde::Serialize;
+use std::sync::Mutex;
 use std::time::Instant;
 
 /// Sees the stages of long work as they run. Every method does nothing by default.
@@ -9,8 +10,14 @@ pub trait Observer: Send {
     /// steps, or 0 where it has none.
     fn begin(&mut self, _group: &str, _stage: &str, _steps: usize) {}
 
+    /// The current stage turns out to have so many steps.
+    fn length(&mut self, _steps: usize) {}
+
     /// So many steps of the current stage are done.
     fn position(&mut self, _done: usize) {}
+
+    /// What the current stage is doing.
+    fn message(&mut self, _text: &str) {}
 
     /// The current stage has ended.
     fn end(&mut self) {}
@@ -46,22 +53,43 @@ pub struct Progress {
     observer: Box<dyn Observer>,
 }
 
-/// The steps of a running stage.
-pub struct Steps<'a> {
+/// The steps of a running stage; threads may share them.
+pub struct Steps<'a>(Mutex<Counted<'a>>);
+
+struct Counted<'a> {
     done: usize,
     observer: &'a mut dyn Observer,
 }
 
-impl Steps<'_> {
+impl<'a> Steps<'a> {
     /// One more step is done.
-    pub fn inc(&mut self) {
-        self.set_position(self.done + 1);
+    pub fn inc(&self) {
+        let mut counted = self.counted();
+        counted.done += 1;
+        let done = counted.done;
+        counted.observer.position(done);
     }
 
     /// So many steps are done.
-    pub fn set_position(&mut self, done: usize) {
-        self.done = done;
-        self.observer.position(done);
+    pub fn set_position(&self, done: usize) {
+        let mut counted = self.counted();
+        counted.done = done;
+        counted.observer.position(done);
+    }
+
+    /// The stage turns out to have so many steps.
+    pub fn set_length(&self, steps: usize) {
+        self.counted().observer.length(steps);
+    }
+
+    /// What the stage is doing.
+    pub fn set_message(&self, text: &str) {
+        self.counted().observer.message(text);
+    }
+
+    /// A thread that panicked between two counts has left a number behind, nothing worse.
+    fn counted(&self) -> std::sync::MutexGuard<'_, Counted<'a>> {
+        self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 }
 
@@ -114,11 +142,12 @@ impl Progress {
         &mut self,
         stage: &'static str,
         steps: usize,
-        work: impl FnOnce(&mut Steps<'_>) -> Result<T, E>,
+        work: impl FnOnce(&Steps<'_>) -> Result<T, E>,
     ) -> Result<T, E> {
         self.observer.begin(&self.group, stage, steps);
         let start = Instant::now();
-        let result = work(&mut Steps { done: 0, observer: self.observer.as_mut() });
+        let result =
+            work(&Steps(Mutex::new(Counted { done: 0, observer: self.observer.as_mut() })));
         self.times.push(StageTime { stage, time_s: start.elapsed().as_secs_f64() });
         self.observer.end();
         result

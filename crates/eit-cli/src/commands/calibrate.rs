@@ -3,11 +3,12 @@
 use super::Answer;
 use crate::cli::CalibrateArgs;
 use crate::error::CliError;
-use crate::frames::{self, Frames};
-use crate::pipeline;
-use crate::progress::Progress;
-use crate::scene::{ElementKeys, Reference, Scene};
+use crate::progress;
 use eit_inverse::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
+use eit_skin::Progress;
+use eit_skin::frames::{self, Frames};
+use eit_skin::pipeline;
+use eit_skin::scene::{ElementKeys, Reference, Scene};
 use serde_json::{Value, json};
 
 /// Reads the frame of the untouched skin, fits, says what to write into the scene.
@@ -18,7 +19,7 @@ pub(crate) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
         // derivatives with respect to contacts are those of linear elements
         scene.mesh.elements.get_or_insert(ElementKeys::Linear);
     }
-    let mut progress = Progress::default();
+    let mut progress = progress::terminal();
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;
     // frames that are given are of the untouched skin: all of them
     let mean = || (!args.frames.is_empty()).then(|| "mean".to_owned());

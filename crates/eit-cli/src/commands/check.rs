@@ -2,12 +2,12 @@
 
 use super::Answer;
 use crate::cli::CheckArgs;
-use crate::connect;
 use crate::error::CliError;
-use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::progress;
 use eit_hw::driver::{Overflow, Statistics};
 use eit_hw::{HealthReport, Quiet, Severity, Verdict, measure_quiet};
+use eit_skin::connect;
+use eit_skin::scene::Scene;
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Answer, CliError> {
     }
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;
-    let mut progress = Progress::default();
+    let mut progress = progress::terminal();
     let mut session = progress.stage("connect", || {
         connect::open(&scene, &instrument, args.port.as_deref(), Overflow::Fail)
     })?;

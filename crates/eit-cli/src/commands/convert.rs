@@ -3,10 +3,10 @@
 use super::{Answer, check_ending};
 use crate::cli::ConvertArgs;
 use crate::error::CliError;
-use crate::output::{OutFile, write_csv, write_npy};
-use crate::scene::Scene;
 use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
 use eit_hw::{Component, Frame, Layout, Quadruple, Recording};
+use eit_report::output::{OutFile, write_csv, write_npy};
+use eit_skin::scene::Scene;
 use ndarray::Array2;
 use serde_json::json;
 

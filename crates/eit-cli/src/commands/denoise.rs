@@ -1,87 +1,20 @@
-//! `eit denoise`: images through a trained U-net.
+//! `eit denoise`
 
-use super::{Answer, reconstruct};
+use super::Answer;
 use crate::cli::DenoiseArgs;
-use crate::denoise::{Net, read_images, scores};
-use crate::draw;
 use crate::error::CliError;
-use crate::output::{OutFolder, io, write_npy};
-use crate::pipeline;
-use crate::progress::Progress;
-use crate::scene::Scene;
-use eit_denoise::ThresholdRule;
-use serde_json::json;
+use crate::progress;
+use eit_report::settings::DenoiseSettings;
 
 /// Reads images and weights, checks both against the scene, denoises, draws, reports.
 pub(crate) fn run(args: &DenoiseArgs) -> Result<Answer, CliError> {
-    let mut scene = Scene::load(&args.scene)?;
-    scene.refuse_movement("denoise")?;
-    let of_scene = scene.denoise.as_ref().map(|keys| match keys.weights.as_str() {
-        "default" => "default".to_owned(),
-        file => scene.resolve(file.as_ref()).display().to_string(),
-    });
-    let name = args.weights.clone().or(of_scene).ok_or_else(|| {
-        CliError::input("no weights: give --weights default, a file of `eit train`, or [denoise]")
-    })?;
-    let raw = read_images(&args.images)?;
-    let (frames, rows, columns) = raw.dim();
-    if frames == 0 || rows != columns || rows == 0 {
-        return Err(CliError::input(format!(
-            "{}: {frames} images of {rows} x {columns} pixels, but this program's are square, and \
-             there must be one",
-            args.images.display()
-        )));
-    }
-    let allowed = scene.denoise.as_ref().is_some_and(|keys| keys.any_skin);
-    let net = Net::load(&scene, &name, rows, args.any_skin || allowed)?;
-    let truth = args.truth.as_deref().map(read_images).transpose()?;
-    if let Some(truth) = truth.as_ref().filter(|truth| truth.dim() != raw.dim()) {
-        return Err(CliError::input(format!(
-            "--truth has [frame, row, column] = {:?}, the images {:?}",
-            truth.shape(),
-            raw.shape()
-        )));
-    }
-    let mut out = OutFolder::new(&args.out)?;
-    let mut progress = Progress::default();
-    // the images say how many pixels
-    scene.reconstruction.pixels = Some(rows);
-    let setup = pipeline::setup(&scene, None, None, &mut progress)?;
-    let raster = pipeline::raster(&scene, &setup, &mut progress)?;
-    let mut images = raw.clone();
-    let applied = net.apply(&mut images, &raster, None, &mut progress);
-    applied.map_err(|e| e.within(&args.images.display().to_string()))?;
-    let compared = match &truth {
-        None => None,
-        Some(truth) => {
-            let mut rule = ThresholdRule::default().on(raster.mask().view())?;
-            Some(scores(raw.view(), images.view(), truth.view(), &mut rule)?)
-        }
+    let settings = DenoiseSettings {
+        scene: args.scene.clone(),
+        images: args.images.clone(),
+        weights: args.weights.clone(),
+        any_skin: args.any_skin,
+        truth: args.truth.clone(),
+        out: args.out.clone(),
     };
-    out.write("images.npy", |w| write_npy(&images, w))?;
-    let skin = draw::skin(&setup.mesh, &raster);
-    let rate_hz = scene.recording.frame_rate_hz;
-    let settings = reconstruct::picture_settings(&scene, "U-net".to_owned(), rate_hz);
-    reconstruct::write_pictures(&mut out, images.view(), &skin, &settings, rate_hz, &mut progress)?;
-    let mut files = out.names();
-    files.push("report.json");
-    let json = json!({
-        "scene": scene.name,
-        "frames": frames,
-        "pixels": rows,
-        "denoise": net.json(),
-        "against_truth": compared.map(|s| s.json()),
-        "stages": progress.times(),
-        "out": args.out.display().to_string(),
-        "files": files,
-    });
-    out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
-    let mut lines = vec![
-        format!("{frames} images; {}", net.words()),
-        "not checked against measurements: `eit reconstruct` with [denoise] does that".to_owned(),
-    ];
-    lines.extend(compared.map(|s| s.words()));
-    lines.push(format!("written to {}: {}", out.path().display(), out.names().join(", ")));
-    out.commit(&["movie.gif"])?;
-    Ok(Answer { text: lines.join("\n"), json })
+    Ok(eit_report::denoised::run(&settings, &mut progress::terminal())?)
 }

@@ -3,7 +3,7 @@
 use super::Answer;
 use crate::cli::DevicesArgs;
 use crate::error::CliError;
-use crate::scene::Scene;
+use eit_skin::scene::Scene;
 use serde_json::{Value, json};
 
 /// Lists the ports; with a scene, asks its instrument who it is.

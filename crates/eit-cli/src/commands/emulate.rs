@@ -2,12 +2,12 @@
 
 use super::{Answer, record};
 use crate::cli::EmulateArgs;
-use crate::emulated::{self, Content};
 use crate::error::CliError;
-use crate::interrupt::Interrupt;
-use crate::progress::Progress;
-use crate::scene::{Scene, from_toml};
+use crate::interrupt;
+use crate::progress;
 use eit_hw::emulator::{Emulator, FaultPlan, Listen};
+use eit_skin::emulate::{self, Content};
+use eit_skin::scene::{Scene, from_toml};
 use serde::Deserialize;
 use serde_json::json;
 use std::io::Write as _;
@@ -42,9 +42,9 @@ pub(crate) fn run(args: &EmulateArgs, is_json: bool) -> Result<Answer, CliError>
         instrument.frame_rate_hz = rate_hz;
     }
     let content = Content { frames: args.frames.as_deref(), serial: &args.serial, seed: args.seed };
-    let mut progress = Progress::default();
-    let device = emulated::device(&scene, &instrument, &content, &mut progress)?;
-    let interrupt = Interrupt::listen()?;
+    let mut progress = progress::terminal();
+    let device = emulate::device(&scene, &instrument, &content, &mut progress)?;
+    let interrupt = interrupt::listen()?;
     let mut emulator = Emulator::start(device, &listen, faults)?;
     let place = emulator.endpoint().to_string();
     let driver = instrument.driver_name().to_owned();

@@ -3,10 +3,10 @@
 use super::{Answer, check_ending, reactive, solve, solve_json, with_warning};
 use crate::cli::ForwardArgs;
 use crate::error::CliError;
-use crate::output::{OutFile, write_csv, write_npy};
-use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::progress;
 use eit_fem::Complex64;
+use eit_report::output::{OutFile, write_csv, write_npy};
+use eit_skin::scene::Scene;
 use ndarray::{Array1, Array2, Axis};
 use serde_json::json;
 
@@ -18,7 +18,7 @@ pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
     if scene.is_reactive() {
         return complex(args, &scene, (&format, out));
     }
-    let mut progress = Progress::default();
+    let mut progress = progress::terminal();
     let files = (args.mesh.as_deref(), args.conductivity.as_deref());
     let solved = solve(&scene, files, &mut progress, |solution| solution.measurements())?;
     let (voltages, report) = (&solved.wanted, &solved.report);
@@ -55,7 +55,7 @@ fn complex(
     scene: &Scene,
     (format, out): (&str, OutFile),
 ) -> Result<Answer, CliError> {
-    let mut progress = Progress::default();
+    let mut progress = progress::terminal();
     let files = (args.mesh.as_deref(), args.conductivity.as_deref());
     let solved = reactive::solve(scene, files, &mut progress, |solution| solution.measurements())?;
     let (voltages, report) = (&solved.wanted, &solved.report);

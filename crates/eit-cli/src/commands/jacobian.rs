@@ -3,9 +3,9 @@
 use super::{Answer, check_ending, reactive, solve, solve_json, with_warning};
 use crate::cli::JacobianArgs;
 use crate::error::CliError;
-use crate::output::{OutFile, write_npy};
-use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::progress;
+use eit_report::output::{OutFile, write_npy};
+use eit_skin::scene::Scene;
 use serde_json::json;
 
 /// Solves, writes the Jacobian; a complex one where the scene stores charge.
@@ -16,7 +16,7 @@ pub(crate) fn run(args: &JacobianArgs) -> Result<Answer, CliError> {
     if scene.is_reactive() {
         return complex(args, &scene, out);
     }
-    let mut progress = Progress::default();
+    let mut progress = progress::terminal();
     let files = (args.mesh.as_deref(), args.conductivity.as_deref());
     let solved = solve(&scene, files, &mut progress, |solution| solution.jacobian())?;
     let (jacobian, report) = (&solved.wanted, &solved.report);
@@ -43,7 +43,7 @@ pub(crate) fn run(args: &JacobianArgs) -> Result<Answer, CliError> {
 
 /// The holomorphic derivative of complex voltages with respect to complex admittivities.
 fn complex(args: &JacobianArgs, scene: &Scene, out: OutFile) -> Result<Answer, CliError> {
-    let mut progress = Progress::default();
+    let mut progress = progress::terminal();
     let files = (args.mesh.as_deref(), args.conductivity.as_deref());
     let solved = reactive::solve(scene, files, &mut progress, |solution| solution.jacobian())?;
     let (jacobian, report) = (&solved.wanted, &solved.report);

@@ -1,22 +1,23 @@
 //! `eit live`: touches of a live instrument as they happen.
 
-use super::watched::{Viewer, answer};
+use super::viewer::Viewer;
 use super::{Answer, record};
 use crate::cli::LiveArgs;
-use crate::connect;
 use crate::error::CliError;
-use crate::progress::Progress;
-use crate::scene::Scene;
-use crate::watch::Model;
+use crate::progress;
 use eit_hw::capture::{CaptureSettings, CaptureWriter};
 use eit_hw::driver::{FrameSource, Overflow};
+use eit_report::watched::answer;
+use eit_skin::connect;
+use eit_skin::live::Model;
+use eit_skin::scene::Scene;
 
 /// Watches until Ctrl-C, the end of `--seconds` or enough frames.
 pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Answer, CliError> {
     let limit = record::duration(args.seconds)?;
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;
-    let mut progress = Progress::default();
+    let mut progress = progress::terminal();
     let model = Model::new(scene, args.watch.quiet, &mut progress)?;
     let mut viewer = Viewer::new(&model, &args.watch, limit, !is_json)?;
     // a recording must not lose a frame; a view wants the present

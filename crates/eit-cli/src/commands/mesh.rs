@@ -2,15 +2,15 @@
 
 use super::{Answer, check_ending};
 use crate::cli::MeshArgs;
-use crate::draw;
 use crate::error::CliError;
-use crate::output::OutFile;
-use crate::picture::{ColorMap, MeshDrawing, PictureSettings, draw_mesh};
-use crate::pipeline::mesh_choice::{self, Accuracy, Choice, words};
-use crate::progress::Progress;
-use crate::scene::Scene;
-use crate::view::View;
+use crate::progress;
 use eit_mesh::{GmshVersion, Mesh, Quality};
+use eit_picture::View;
+use eit_picture::{ColorMap, MeshDrawing, PictureSettings, draw_mesh};
+use eit_report::ReportError;
+use eit_report::output::OutFile;
+use eit_skin::pipeline::mesh_choice::{self, Accuracy, Choice, words};
+use eit_skin::scene::Scene;
 use serde_json::json;
 use std::io::Write;
 
@@ -20,7 +20,7 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
     let out = OutFile::new(&args.out)?;
     let wanted = scene.mesh(args.nodes)?;
-    let mut progress = Progress::default();
+    let mut progress = progress::terminal();
     let Choice { mesh, elements, notes, accuracy } =
         mesh_choice::mesh(&scene, (&wanted, args.nodes.is_some()), &mut progress)?;
     let quality = Quality::of(&mesh);
@@ -60,7 +60,7 @@ fn measures(mesh: &Mesh) -> Vec<Option<f64>> {
     (0..mesh.electrodes().len()).map(|l| mesh.electrode_measure(l)).collect()
 }
 
-fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), CliError> {
+fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), ReportError> {
     let surface = mesh.surface();
     let view = View::of(surface);
     let nodes_m: Vec<[f64; 2]> = surface.nodes().iter().map(|&p| view.flat(p)).collect();
@@ -82,6 +82,6 @@ fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), CliErr
         range: Some([0.0, 1.0]),
         ..Default::default()
     };
-    let canvas = draw_mesh(&drawing, &draw::skin_of_mesh(mesh, &view), &settings)?;
+    let canvas = draw_mesh(&drawing, &eit_picture::SkinDrawing::from_mesh(mesh, &view), &settings)?;
     Ok(canvas.write_png(writer)?)
 }

@@ -19,41 +19,19 @@ pub(crate) mod replay;
 pub(crate) mod report;
 pub(crate) mod simulate;
 pub(crate) mod train;
-mod watched;
+mod view;
+mod viewer;
 
 use crate::error::CliError;
-use crate::pipeline;
-use crate::progress::Progress;
-use crate::scene::Scene;
-use eit_fem::{Solution, SolvePath, SolveReport};
-use serde_json::{Value, json};
+use eit_fem::{Solution, SolveReport};
+use eit_skin::Progress;
+use eit_skin::pipeline;
+use eit_skin::scene::Scene;
 use std::path::Path;
 
-/// What a command found.
-pub(crate) struct Answer {
-    /// For people.
-    pub text: String,
-    /// For programs: one object.
-    pub json: Value,
-}
-
-/// A forward solve for reports.
-fn solve_json(report: &SolveReport) -> Value {
-    json!({
-        "unknowns": report.unknowns,
-        "factor_entries": report.factor_entries,
-        "field_solves": report.field_solves,
-        "path": match report.path {
-            SolvePath::Plain => "plain",
-            SolvePath::Stable => "stable",
-            SolvePath::Accurate => "accurate",
-        },
-        "backward_error": report.backward_error,
-        "error_bound": report.error_bound,
-        "expected_loss": report.expected_loss,
-        "time_s": report.time_s,
-    })
-}
+pub(crate) use eit_report::Answer;
+use eit_report::output::ending;
+use eit_report::{reconstruct::solve_json, with_warning};
 
 /// One solve of `eit forward` and `eit jacobian`, `R` its report.
 struct Solved<T, R = SolveReport> {
@@ -85,14 +63,6 @@ fn solve<T>(
     })
 }
 
-/// The text of an answer with its warning, if there is one.
-fn with_warning(text: String, warning: Option<&String>) -> String {
-    match warning {
-        Some(warning) => format!("{text}\nwarning: {warning}"),
-        None => text,
-    }
-}
-
 /// The conductivity to solve for: a file's, checked for length, or the scene's background.
 fn conductivity(scene: &Scene, file: Option<&Path>, elements: usize) -> Result<Vec<f64>, CliError> {
     let Some(path) = file else { return Ok(vec![scene.skin.conductivity_s; elements]) };
@@ -120,11 +90,6 @@ fn per_element(path: &Path, elements: usize) -> Result<eit_hw::Recording, CliErr
         )));
     }
     Ok(table)
-}
-
-/// The ending of a path, lower case.
-fn ending(path: &Path) -> String {
-    path.extension().map_or_else(String::new, |e| e.to_string_lossy().to_lowercase())
 }
 
 /// Refuses an ending that the command does not write.

@@ -2,10 +2,10 @@
 
 use super::{Solved, per_element};
 use crate::error::CliError;
-use crate::pipeline::reactive::{self, ReactiveSetup};
-use crate::progress::Progress;
-use crate::scene::Scene;
 use eit_fem::{AdmittivityReport, AdmittivitySolution, Complex64};
+use eit_skin::Progress;
+use eit_skin::pipeline::reactive::{self, ReactiveSetup};
+use eit_skin::scene::Scene;
 use serde_json::{Value, json};
 use std::path::Path;
 

@@ -2,13 +2,13 @@
 
 use super::Answer;
 use crate::cli::RecordArgs;
-use crate::connect;
 use crate::error::CliError;
-use crate::interrupt::Interrupt;
-use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::interrupt;
+use crate::progress;
 use eit_hw::capture::{CaptureSettings, CaptureWriter};
 use eit_hw::driver::{Event, Overflow, Session};
+use eit_skin::connect;
+use eit_skin::scene::Scene;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -30,8 +30,8 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
     }
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;
-    let interrupt = Interrupt::listen()?;
-    let mut progress = Progress::default();
+    let interrupt = interrupt::listen()?;
+    let mut progress = progress::terminal();
     let mut session = progress.stage("connect", || {
         connect::open(&scene, &instrument, args.port.as_deref(), Overflow::Fail)
     })?;
@@ -57,7 +57,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
             }
             taken.next(&session, &mut writer, WAIT)?;
             if taken.frames % 16 == 0 {
-                bar.set_message(format!("{} frames; Ctrl-C ends it", taken.frames));
+                bar.set_message(&format!("{} frames; Ctrl-C ends it", taken.frames));
             }
         }
         Ok(interrupt.is_set())

@@ -1,21 +1,22 @@
 //! `eit replay`: a recording played as if it were live.
 
 use super::Answer;
-use super::watched::{Viewer, answer};
+use super::viewer::Viewer;
 use crate::cli::ReplayArgs;
 use crate::error::CliError;
-use crate::progress::Progress;
-use crate::scene::Scene;
-use crate::watch::Model;
+use crate::progress;
 use eit_hw::Frame;
 use eit_hw::HwError;
 use eit_hw::driver::{Event, FrameSource, Pace, Replay, Setup, Statistics};
+use eit_report::watched::answer;
+use eit_skin::live::Model;
+use eit_skin::scene::Scene;
 use std::time::Duration;
 
 /// Watches to the end of the recording, Ctrl-C or enough frames.
 pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
-    let mut progress = Progress::default();
+    let mut progress = progress::terminal();
     let model = Model::new(scene, args.watch.quiet, &mut progress)?;
     let protocol = &model.setup.protocol;
     let quadruples = protocol.quadruples().ok_or_else(|| {

@@ -2,11 +2,11 @@
 
 use crate::error::ReportError;
 use crate::output::{OutFolder, write_npy};
-use eit_skin::pipeline::{self, Setup};
-use eit_skin::Progress;
-use eit_skin::scene::Scene;
 use eit_fem::fabric::{Fabric, PlayCircle, Simulation, SimulationSettings, TouchScript};
 use eit_mesh::Raster;
+use eit_skin::Progress;
+use eit_skin::pipeline::{self, Setup};
+use eit_skin::scene::Scene;
 use std::path::Path;
 
 /// Frames before the first touch: the reference, also of `eit replay`.

@@ -2,18 +2,18 @@
 
 use super::experiment::{Experiment, QUIET};
 use super::folder::DemoFolder;
-use crate::watched::{Kept, record_of};
-use eit_skin::connect;
-use eit_skin::emulate::{self, Content};
 use crate::error::ReportError;
-use eit_skin::Progress;
-use eit_skin::scene::Instrument;
-use eit_skin::live::{Model, Sight, Summary, Watcher};
+use crate::watched::{Kept, record_of};
 use eit_hw::capture::{CaptureSettings, CaptureWriter};
 use eit_hw::driver::{Event, Overflow, Session};
 use eit_hw::emulator::{Emulator, FaultPlan, Listen};
 use eit_inverse::touch::{Touch, TouchState};
-use indicatif::ProgressBar;
+use eit_skin::Progress;
+use eit_skin::Steps;
+use eit_skin::connect;
+use eit_skin::emulate::{self, Content};
+use eit_skin::live::{Model, Sight, Summary, Watcher};
+use eit_skin::scene::Instrument;
 use ndarray::{Array2, Array3, Axis};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -109,7 +109,7 @@ fn connect(model: &Model, instrument: &Instrument, frames: &Path) -> Result<Wire
     let content = Content { frames: Some(frames), serial: "demo", seed: 0 };
     let open = |listen: &Listen, line: &str| {
         let mut silent = Progress::silent();
-        let device = emulated::device(&model.scene, instrument, &content, &mut silent)?;
+        let device = emulate::device(&model.scene, instrument, &content, &mut silent)?;
         let emulator = Emulator::start(device, listen, FaultPlan::default())?;
         let port = emulator.endpoint().to_string();
         let session = connect::open(&model.scene, instrument, Some(&port), Overflow::Fail)?;
@@ -125,7 +125,9 @@ fn connect(model: &Model, instrument: &Instrument, frames: &Path) -> Result<Wire
 
 /// The way by a pseudo-terminal.
 #[cfg(unix)]
-fn on_terminal(open: &dyn Fn(&Listen, &str) -> Result<Wire, ReportError>) -> Result<Wire, ReportError> {
+fn on_terminal(
+    open: &dyn Fn(&Listen, &str) -> Result<Wire, ReportError>,
+) -> Result<Wire, ReportError> {
     let folder = tempfile::Builder::new()
         .prefix("eit-demo-")
         .tempdir()
@@ -136,17 +138,19 @@ fn on_terminal(open: &dyn Fn(&Listen, &str) -> Result<Wire, ReportError>) -> Res
 }
 
 #[cfg(not(unix))]
-fn on_terminal(_: &dyn Fn(&Listen, &str) -> Result<Wire, ReportError>) -> Result<Wire, ReportError> {
+fn on_terminal(
+    _: &dyn Fn(&Listen, &str) -> Result<Wire, ReportError>,
+) -> Result<Wire, ReportError> {
     Err(ReportError::Failure("this system has none".to_owned()))
 }
 
 /// Records, keeps and counts.
-struct Demo<'a> {
+struct Demo<'a, 'b> {
     writer: CaptureWriter,
     kept: Kept,
     wanted: u64,
     goes_on: &'a (dyn Fn() -> bool + Sync),
-    bar: &'a ProgressBar,
+    bar: &'a Steps<'b>,
     /// When the last event came.
     last: Instant,
     failure: Option<ReportError>,
@@ -162,7 +166,9 @@ struct Pile {
     touches: Vec<Vec<Touch>>,
 }
 
-impl Watcher for Demo<'_> {
+impl Watcher for Demo<'_, '_> {
+    type Error = ReportError;
+
     fn event(&mut self, event: &Event) -> Result<(), ReportError> {
         match (event, connect::words(event)) {
             (Event::Frame(frame), _) => {
@@ -201,7 +207,7 @@ impl Watcher for Demo<'_> {
         self.pile.raw.push(raw);
         self.pile.made.push(made);
         self.pile.touches.push(alive.copied().collect());
-        self.bar.set_position(sight.number + 1);
+        self.bar.set_position(sight.number as usize + 1);
         Ok(())
     }
 

@@ -3,10 +3,10 @@
 use super::folder::DemoFolder;
 use super::judge::Judged;
 use super::pictures::{self, File, Shown};
-use eit_skin::plan::{left_out, sequence::Sequence};
 use crate::html::{Block, Page, Section};
-use eit_skin::method::Method;
 use eit_skin::live::Model;
+use eit_skin::method::Method;
+use eit_skin::plan::{left_out, sequence::Sequence};
 
 /// Makes the page. `nodes` is the size of the mesh that simulates, `seconds` what all of it took.
 pub(super) fn page(

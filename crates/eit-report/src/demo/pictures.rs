@@ -4,16 +4,15 @@
 use super::experiment::{Experiment, QUIET};
 use super::judge::{ImageError, Judged};
 use super::live::Seen;
-use eit_picture::draw;
 use crate::error::ReportError;
+use eit_fem::fabric::Simulation;
+use eit_picture::View;
 use eit_picture::{
     Canvas, FrameLabels, MeshDrawing, PictureSettings, Plot, Series, SkinDrawing, Track,
     TracksPanel, draw_mesh, draw_plot, draw_sheet, draw_tracks, write_gif,
 };
-use eit_picture::view::View;
+use eit_skin::Steps;
 use eit_skin::live::Model;
-use eit_fem::fabric::Simulation;
-use indicatif::ProgressBar;
 use ndarray::{Array3, ArrayView2, Axis};
 
 /// The mesh, in the place of the paper's figure 3.
@@ -60,7 +59,7 @@ fn png(name: &'static str, canvas: &Canvas) -> Result<File, ReportError> {
 pub(super) fn of_experiment(
     shown: &Shown,
     skin: &SkinDrawing,
-    bar: &ProgressBar,
+    bar: &Steps<'_>,
 ) -> Result<Vec<File>, ReportError> {
     let Shown { experiment, seen, .. } = shown;
     if seen.frames.is_empty() {
@@ -235,7 +234,7 @@ fn stack(images: &[ArrayView2<'_, f64>]) -> Result<Array3<f64>, ReportError> {
 }
 
 /// Truth, raw and denoised images side by side, frame by frame.
-fn movie(shown: &Shown, skin: &SkinDrawing, bar: &ProgressBar) -> Result<Vec<u8>, ReportError> {
+fn movie(shown: &Shown, skin: &SkinDrawing, bar: &Steps<'_>) -> Result<Vec<u8>, ReportError> {
     let count = shown.seen.frames.len();
     let every = count.div_ceil(MOVIE_FRAMES).max(1);
     let (mut images, mut labels, mut marks_m) = (Vec::new(), Vec::new(), Vec::new());
@@ -258,7 +257,7 @@ fn movie(shown: &Shown, skin: &SkinDrawing, bar: &ProgressBar) -> Result<Vec<u8>
     };
     let mut bytes = Vec::new();
     let mut tick = |done: usize, all: usize| {
-        bar.set_length(all as u64);
+        bar.set_length(all);
         bar.set_position(done);
     };
     write_gif(stacked.view(), skin, &settings, MOVIE_RATE_HZ, &mut bytes, &mut tick)?;
@@ -298,7 +297,11 @@ fn mesh(model: &Model) -> Result<Canvas, ReportError> {
         title: "The fabric with its 16 electrodes, as it is reconstructed".to_owned(),
         ..Default::default()
     };
-    Ok(draw_mesh(&drawing, &draw::skin_of_mesh(&model.setup.mesh, &View::TOP), &settings)?)
+    Ok(draw_mesh(
+        &drawing,
+        &eit_picture::SkinDrawing::from_mesh(&model.setup.mesh, &View::TOP),
+        &settings,
+    )?)
 }
 
 /// Where the fingers go.

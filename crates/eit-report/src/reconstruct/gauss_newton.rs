@@ -2,13 +2,13 @@
 
 use super::{Made, Task, kind_words};
 use crate::error::ReportError;
-use eit_skin::method::Method;
+use eit_inverse::{CurvePoint, Differences, HyperparameterStatus, MovieReport};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
+use eit_skin::Progress;
+use eit_skin::method::Method;
 use eit_skin::pipeline::imaging::{prior, settings};
 use eit_skin::pipeline::{self, Imaging, sequence};
-use eit_skin::Progress;
 use eit_skin::scene::DifferenceKind;
-use eit_inverse::{CurvePoint, Differences, HyperparameterStatus, MovieReport};
 use ndarray::Array3;
 use serde_json::{Value, json};
 
@@ -95,11 +95,7 @@ fn images(
 }
 
 /// Small print of pictures.
-pub fn footnote(
-    method: Method,
-    kind: DifferenceKind,
-    imaging: &Imaging,
-) -> String {
+pub fn footnote(method: Method, kind: DifferenceKind, imaging: &Imaging) -> String {
     let report = imaging.difference.report();
     format!(
         "{}, {} prior, hyperparameter {:.3e} ({}), {} difference",

@@ -2,10 +2,10 @@
 
 use super::{Made, Task, kind_words};
 use crate::error::ReportError;
-use eit_picture::{Canvas, Plot, Series, draw_plot};
-use eit_skin::pipeline::{self, tv::TvMovie, tv::Weights};
-use eit_skin::Progress;
 use eit_inverse::{Certificate, MovieReport, MovieStatus, WeightPoint, WeightStatus};
+use eit_picture::{Canvas, Plot, Series, draw_plot};
+use eit_skin::Progress;
+use eit_skin::pipeline::{self, tv::TvMovie, tv::Weights};
 use serde_json::{Value, json};
 
 /// Chooses the weights, solves, and tells how well.

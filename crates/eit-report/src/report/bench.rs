@@ -1,15 +1,15 @@
 //! What all parts of the report share: the skin, simulated recordings, methods set up for them.
 
 use crate::error::ReportError;
+use eit_inverse::metrics::Cells;
+use eit_inverse::{Differences, MovieMethod, MovieReport, Prior, StTv, Stop};
+use eit_mesh::Raster;
+use eit_skin::Progress;
 use eit_skin::frames::Frames;
 use eit_skin::method::Method;
 use eit_skin::pipeline::imaging::{prior, settings};
 use eit_skin::pipeline::{self, Linearised, Setup, sequence, tv};
-use eit_skin::Progress;
 use eit_skin::scene::{DifferenceKind, Hyperparameter, Reconstruction, Rule, Scene};
-use eit_inverse::metrics::Cells;
-use eit_inverse::{Differences, MovieMethod, MovieReport, Prior, StTv, Stop};
-use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView3};
 use std::time::Instant;
 

@@ -6,14 +6,14 @@ mod pictures;
 
 use super::table::Table;
 use super::{Answer, table};
-use crate::settings::ReportSettings;
-use eit_skin::denoise::{Chain, Chained, Check, Net};
 use crate::error::ReportError;
 use crate::output::OutFolder;
-use eit_skin::Progress;
-use eit_skin::scene::Scene;
+use crate::settings::ReportSettings;
 use cases::{Sequence, sequences};
 use eit_denoise::ThresholdRule;
+use eit_skin::Progress;
+use eit_skin::denoise::{Chain, Chained, Check, Net};
+use eit_skin::scene::Scene;
 use judge::{Judge, Tally};
 use ndarray::{Array3, Axis};
 

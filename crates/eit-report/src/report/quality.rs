@@ -2,16 +2,16 @@
 
 mod tables;
 
-use crate::Answer;
 use super::bench::{Bench, ENTRANTS, Entry};
 use super::scores::{Scores, Truth};
+use crate::Answer;
 use crate::error::ReportError;
 use crate::output::{OutFolder, io};
-use eit_skin::pipeline;
-use eit_skin::Progress;
-use eit_skin::scene::Rule;
 use crate::simulate::{FAST_M, Finger, FingerShape, MovieSettings, SLOW_M, TouchMovie};
 use eit_inverse::{Differences, Stop};
+use eit_skin::Progress;
+use eit_skin::pipeline;
+use eit_skin::scene::Rule;
 use serde_json::json;
 
 /// The methods compared: all but the absolute one, which takes a hundred times longer than the
@@ -134,7 +134,7 @@ fn note(bench: &Bench, simulation: &pipeline::Setup, grid: &Grid) -> String {
 fn shape_rows(
     (bench, simulation, grid): (&Bench, &pipeline::Setup, &Grid),
     (name, shape): (&'static str, FingerShape),
-    bar: &indicatif::ProgressBar,
+    bar: &eit_skin::Steps<'_>,
 ) -> Result<Vec<Row>, ReportError> {
     let finger = Finger { shape, ..Default::default() };
     let mut rows = Vec::new();
@@ -154,7 +154,7 @@ fn movie_rows(
     simulation: &pipeline::Setup,
     grid: &Grid,
     ((shape, speed), settings): ((&'static str, &'static str), &MovieSettings),
-    bar: &indicatif::ProgressBar,
+    bar: &eit_skin::Steps<'_>,
 ) -> Result<Vec<Row>, ReportError> {
     let movie = TouchMovie::random(&bench.scene, settings)?;
     let voltages = movie.voltages(&bench.scene, simulation, &mut Progress::silent())?;

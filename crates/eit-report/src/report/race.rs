@@ -25,13 +25,13 @@ mod skins;
 mod table;
 
 use crate::Answer;
-use crate::settings::ReportSettings;
 use crate::error::ReportError;
+use crate::output::OutFolder;
+use crate::settings::ReportSettings;
+use crate::simulate::Simulated;
+use eit_skin::Progress;
 use eit_skin::StopFlag;
 use eit_skin::plan::machine::Machine;
-use crate::output::OutFolder;
-use eit_skin::Progress;
-use crate::simulate::Simulated;
 use floor::Floors;
 use forward::ForwardCourse;
 use images::Findings;
@@ -105,7 +105,7 @@ struct How<'a> {
     size: &'a Size,
     floors: &'a Floors,
     /// Set when the user wants an end.
-    stop: &'a Interrupt,
+    stop: &'a StopFlag,
 }
 
 /// What is known so far.
@@ -117,15 +117,18 @@ struct Results {
 }
 
 /// Simulates, runs every solver, draws; writes after each scene what there is.
-pub(super) fn run(args: &ReportSettings, progress: &mut Progress) -> Result<Answer, ReportError> {
+pub(super) fn run(
+    args: &ReportSettings,
+    stop: &StopFlag,
+    progress: &mut Progress,
+) -> Result<Answer, ReportError> {
     let size = if args.quick { QUICK } else { FULL };
     let entries = skins::chosen(args)?;
     args.peers.as_deref().map_or(Ok(()), peers::check)?;
     // a folder that cannot be written to is refused before any work
     OutFolder::new(&args.out)?;
-    let stop = Interrupt::listen()?;
     let machine = progress.stage("this machine", || Ok::<_, ReportError>(Machine::measure()))?;
-    let how = How { args, size: &size, floors: &Floors { machine }, stop: &stop };
+    let how = How { args, size: &size, floors: &Floors { machine }, stop };
     let (mut results, mut answer) = (Results::default(), None);
     for (number, entry) in entries.iter().enumerate() {
         progress.group(format!("{} ({} of {})", entry.name(), number + 1, entries.len()));
@@ -183,4 +186,37 @@ fn interrupted(args: &ReportSettings, (finished, wanted): (usize, usize)) -> Rep
 pub(super) fn pictures() -> impl Iterator<Item = &'static str> {
     let of_scenes = case::CASES.into_iter().flat_map(|case| case.files);
     skins::SKINS.into_iter().map(|skin| skin.file).chain(of_scenes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::GAPS;
+    use super::case::CASES;
+    use eit_skin::method::Method;
+    use eit_skin::plan::measured::Table;
+    use eit_skin::scene::Scene;
+
+    /// The table of plans is of one full run of this report: every scene, method and gap.
+    #[test]
+    fn the_measured_table_is_whole_and_of_one_run() {
+        let table = Table::load().unwrap();
+        let scene = Scene::load("paper-disc").unwrap();
+        let mut rates = Vec::new();
+        for case in CASES {
+            for method in Method::ALL {
+                let sequence = matches!(method, Method::StTv | Method::TimePrior | Method::Kalman);
+                if case.is_still && sequence {
+                    continue;
+                }
+                for gap in GAPS {
+                    let row = table.of(case.name, (&scene, method), (64, gap)).unwrap();
+                    assert!(row.relative_error > 0.0 && row.ms_a_frame > 0.0, "{row:?}");
+                    assert!(row.pixels.is_none_or(|pixels| pixels == 64), "{row:?}");
+                    assert!(row.target_gap.is_none_or(|own| own == gap), "{row:?}");
+                    rates.push(row.machine_gflops);
+                }
+            }
+        }
+        assert!(rates.iter().all(|rate| *rate == rates[0]), "of several runs: {rates:?}");
+    }
 }

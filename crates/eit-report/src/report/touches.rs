@@ -12,9 +12,9 @@ mod position;
 mod tracks;
 
 use super::{Answer, table};
-use crate::settings::TouchPart;
 use crate::error::ReportError;
 use crate::output::OutFolder;
+use crate::settings::TouchPart;
 use eit_skin::Progress;
 use lab::Lab;
 

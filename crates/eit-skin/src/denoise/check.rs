@@ -36,7 +36,11 @@ impl Check {
     }
 
     /// What an image of a frame explains.
-    pub fn misfit(&mut self, frame: usize, image: ArrayView2<'_, f64>) -> Result<Misfit, SkinError> {
+    pub fn misfit(
+        &mut self,
+        frame: usize,
+        image: ArrayView2<'_, f64>,
+    ) -> Result<Misfit, SkinError> {
         let row = self.differences.row(frame).to_vec();
         Ok(self.evidence.misfit(image, &row)?)
     }

@@ -28,10 +28,7 @@ pub struct Imaging {
 }
 
 /// The scene's prior.
-pub fn prior(
-    scene: &Scene,
-    setup: &Setup,
-) -> Result<Box<dyn Prior + Send + Sync>, SkinError> {
+pub fn prior(scene: &Scene, setup: &Setup) -> Result<Box<dyn Prior + Send + Sync>, SkinError> {
     let surface = setup.mesh.surface();
     let length = scene.reconstruction.correlation_length_m;
     Ok(match scene.reconstruction.prior.unwrap_or(PriorKind::Laplace) {
@@ -127,7 +124,11 @@ impl Imaging {
     /// Images [frame, row, column] in siemens, NaN outside the skin.
     ///
     /// Frames with bad values among the used measurements are reconstructed without them.
-    pub fn images(&self, frames: &Frames, progress: &mut Progress) -> Result<ImageStack, SkinError> {
+    pub fn images(
+        &self,
+        frames: &Frames,
+        progress: &mut Progress,
+    ) -> Result<ImageStack, SkinError> {
         let count = frames.values.nrows();
         check_images(count, &self.raster)?;
         progress.steps("images", count, |bar| {

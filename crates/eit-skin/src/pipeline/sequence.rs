@@ -65,10 +65,7 @@ fn bounds_s(scene: &Scene) -> Option<[f64; 2]> {
 }
 
 /// A movie of elements as a movie of masked pixels, both [frame, value].
-pub fn pixels_of(
-    images: ArrayView2<'_, f64>,
-    raster: &Raster,
-) -> Result<Array2<f64>, SkinError> {
+pub fn pixels_of(images: ArrayView2<'_, f64>, raster: &Raster) -> Result<Array2<f64>, SkinError> {
     let pixels = raster.pixel_from_element().multiply_dense(images.t())?;
     Ok(pixels.reversed_axes())
 }

@@ -1,11 +1,11 @@
 //! What is to be expected of a scene's images: as measured on the built-in scene most like it.
 
 use crate::error::SkinError;
-use crate::plan::machine::Machine;
-use crate::plan::measured::{BUDGETS_S, Measured, Nearest, Table, best, nearest, suits};
 use crate::method::Method;
 use crate::pipeline::tv::DEFAULT_TARGET_GAP;
 use crate::pipeline::{DEFAULT_PIXELS, Setup};
+use crate::plan::machine::Machine;
+use crate::plan::measured::{BUDGETS_S, Measured, Nearest, Table, best, nearest, suits};
 use crate::scene::Scene;
 use serde_json::{Value, json};
 

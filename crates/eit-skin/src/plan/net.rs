@@ -11,11 +11,7 @@ const NET_FLOPS_PER_S: f64 = 3.5e10;
 const CHECK_FLOPS_PER_S: f64 = 1e10;
 
 /// Net and check; none without `[denoise]`.
-pub fn of(
-    scene: &Scene,
-    net: Option<&Net>,
-    (measurements, share): (usize, f64),
-) -> Vec<Stage> {
+pub fn of(scene: &Scene, net: Option<&Net>, (measurements, share): (usize, f64)) -> Vec<Stage> {
     let Some(net) = net else { return Vec::new() };
     let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
     let shape = net.shape();

@@ -3,8 +3,8 @@
 use super::stages;
 use super::{LeftOut, Plan, stage_json, stage_lines};
 use crate::error::SkinError;
-use crate::plan::machine::Machine;
 use crate::pipeline::reactive::{self, ReactiveSetup};
+use crate::plan::machine::Machine;
 use crate::progress::Progress;
 use crate::scene::Scene;
 use eit_fem::{AdmittivityModel, AdmittivityReport};

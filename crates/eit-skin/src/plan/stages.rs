@@ -5,11 +5,11 @@ mod rates;
 
 use super::electrodes;
 use super::sequence::Sequence;
-use crate::plan::machine::Machine;
-use crate::plan::measured::Measured;
 use crate::method::Method;
 use crate::pipeline::reactive::ReactiveSetup;
 use crate::pipeline::{DEFAULT_PIXELS, Setup};
+use crate::plan::machine::Machine;
+use crate::plan::measured::Measured;
 use crate::scene::{Scene, Shape};
 use eit_fem::{Elements, SolvePath};
 use eit_mesh::{Mesh, Quality};

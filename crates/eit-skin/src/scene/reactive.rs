@@ -35,7 +35,10 @@ impl Scene {
     }
 
     /// Contact impedance of each electrode: resistance and capacitance in parallel.
-    pub fn complex_contact_impedance(&self, electrodes: usize) -> Result<Vec<Complex64>, SkinError> {
+    pub fn complex_contact_impedance(
+        &self,
+        electrodes: usize,
+    ) -> Result<Vec<Complex64>, SkinError> {
         let resistances = self.contact_impedance(electrodes)?;
         let keys = self.electrodes.contact_capacitance_f_per_m.as_ref();
         let capacitances_f = self.each(CONTACT, keys, electrodes)?;

@@ -1,8 +1,8 @@
 //! Sequences of simulated touches: simulate, turn, reconstruct, and the truth turned alike.
 
+use super::BaseRequest;
 use super::motion::{Fingers, MOST, QUIET, RECIPE, Random, fabric, script};
 use super::workshop::Bench;
-use super::BaseRequest;
 use crate::error::SkinError;
 use crate::pipeline::{self, Setup};
 use crate::progress::Progress;

@@ -1,8 +1,8 @@
 //! What makes the sequences of a learning base.
 
+use super::BaseRequest;
 use super::recorded::Recorded;
 use super::simulated::Simulated;
-use super::BaseRequest;
 use crate::denoise::{Chain, Chained};
 use crate::error::SkinError;
 use crate::pipeline::{self, Setup};

@@ -1,15 +1,15 @@
 //! Sequences that no net was trained on, with their truth, and frames like none it has seen.
 
 use super::QUIET;
-use eit_skin::denoise::Chain;
 use crate::error::ReportError;
-use eit_skin::pipeline::{self, Setup};
-use eit_skin::Progress;
 use eit_fem::fabric::{
     Fabric, FabricSettings, Finger, Interpolation, Key, PlayCircle, Simulation, SimulationSettings,
     Tip, TouchScript,
 };
 use eit_mesh::Raster;
+use eit_skin::Progress;
+use eit_skin::denoise::Chain;
+use eit_skin::pipeline::{self, Setup};
 use ndarray::{Array2, Array3};
 use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
 use rand_pcg::Pcg64Mcg;

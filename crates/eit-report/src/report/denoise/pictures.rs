@@ -2,11 +2,10 @@
 
 use super::judge::errors;
 use super::{QUIET, Shown};
-use eit_skin::denoise::Chain;
-use eit_picture::draw;
 use crate::error::ReportError;
 use crate::output::OutFolder;
 use eit_picture::{FrameLabels, PictureSettings, Plot, Series, draw_plot, draw_sheet};
+use eit_skin::denoise::Chain;
 use ndarray::Axis;
 
 /// The paper's two experiments are the first two sequences.
@@ -52,8 +51,9 @@ pub(super) fn draw(shown: &[Shown], chain: &Chain, out: &mut OutFolder) -> Resul
             }
         }
     }
-    let stacked = ndarray::stack(Axis(0), &images).map_err(|e| ReportError::Failure(e.to_string()))?;
-    let skin = draw::skin(&chain.setup.mesh, &chain.raster);
+    let stacked =
+        ndarray::stack(Axis(0), &images).map_err(|e| ReportError::Failure(e.to_string()))?;
+    let skin = eit_picture::SkinDrawing::from_raster(&chain.setup.mesh, &chain.raster);
     let settings = PictureSettings {
         title: "Truth, raw image, and what the U-net makes of it".to_owned(),
         footnote: format!("{}; held-out scripts of the simulated fabric", chain.method.words()),

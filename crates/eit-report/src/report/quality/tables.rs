@@ -4,8 +4,8 @@ use super::super::bench::ENTRANTS;
 use super::super::markdown;
 use super::super::scores::{Greit, Scores};
 use super::{Grid, METHODS, Row};
-use eit_skin::method::Method;
 use crate::simulate::FingerShape;
+use eit_skin::method::Method;
 
 /// A figure of merit in a table.
 struct Figure {

@@ -4,12 +4,12 @@
 use super::super::bench::Bench;
 use super::{Recording, Size};
 use crate::error::ReportError;
-use eit_skin::frames::Frames;
-use eit_skin::pipeline;
-use eit_skin::Progress;
 use crate::simulate::Simulated;
 use eit_fem::fabric::{Fabric, FabricSettings, PlayCircle, SimulationSettings, TouchScript};
 use eit_mesh::Raster;
+use eit_skin::Progress;
+use eit_skin::frames::Frames;
+use eit_skin::pipeline;
 use ndarray::{Array2, Axis, Slice};
 
 /// Scripts, what they are called here, and seeds that no training has.

@@ -4,8 +4,8 @@
 //! read ([`Machine`]); what lies above it is overhead, latency and waiting.
 
 use super::super::bench::Bench;
-use eit_skin::plan::machine::Machine;
 use eit_denoise::UnetShape;
+use eit_skin::plan::machine::Machine;
 
 /// Arrays of the movie that an iteration of total variation reads or writes (image, dual variables
 /// and their extrapolation; docs/PERFORMANCE.md).

@@ -104,7 +104,7 @@ pub(super) fn steps(size: &Size) -> usize {
 pub(super) fn course(
     skin: &Skin,
     How { args, size, floors, stop }: &How<'_>,
-    bar: &indicatif::ProgressBar,
+    bar: &eit_skin::Steps<'_>,
 ) -> Result<Option<ForwardCourse>, ReportError> {
     let sheet = Sheet::new(skin)?;
     let reference = Reference::of(&sheet, size.reference_scales)?;

@@ -5,12 +5,12 @@ use super::case::{self, Case};
 use super::inverse::{Lane, Outcome};
 use super::promise::{self, Promise};
 use super::{How, Recording, Size, fabric, merged, plots};
-use eit_skin::denoise::Net;
 use crate::error::ReportError;
-use eit_skin::plan::measured::Measured;
-use eit_skin::Progress;
-use eit_skin::scene::Scene;
 use crate::simulate::{FingerShape, simulate};
+use eit_skin::Progress;
+use eit_skin::denoise::Net;
+use eit_skin::plan::measured::Measured;
+use eit_skin::scene::Scene;
 
 /// Everything about the images of a scene.
 pub(super) struct Findings {
@@ -125,7 +125,7 @@ fn nets(scene: &Scene, judge: &Bench, names: &[String]) -> Result<Vec<(String, N
         match Net::load(scene, name, judge.raster.pixels(), false) {
             Ok(net) => nets.push((net_name(name), net)),
             Err(error) if name != "default" && !std::path::Path::new(name).exists() => {
-                return Err(error);
+                return Err(error.into());
             }
             Err(_) => {}
         }

@@ -12,12 +12,12 @@ use super::floor::Floors;
 use super::peers;
 use super::point::{Course, Point, Solver, Spread};
 use super::{Recording, Size};
-use eit_skin::denoise::Net;
 use crate::error::ReportError;
+use eit_inverse::MovieStatus;
 use eit_skin::StopFlag;
+use eit_skin::denoise::Net;
 use eit_skin::method::Method;
 use eit_skin::scene::Rule;
-use eit_inverse::MovieStatus;
 use ndarray::{Array2, Array3, ArrayView2};
 use std::path::Path;
 
@@ -51,7 +51,7 @@ pub(super) struct Lane<'a> {
     /// An interpreter that runs the Python peers.
     pub peers: Option<&'a Path>,
     /// Set when the user wants an end.
-    pub stop: &'a Interrupt,
+    pub stop: &'a StopFlag,
 }
 
 /// Everything that ran, and what failed with its reason.
@@ -83,7 +83,7 @@ impl Lane<'_> {
     }
 
     /// Runs them all; one that fails does not stop the others. Once the user wants an end, none begins.
-    pub fn run(&self, bar: &indicatif::ProgressBar) -> Outcome {
+    pub fn run(&self, bar: &eit_skin::Steps<'_>) -> Outcome {
         let mut outcome = Outcome::default();
         let mut keep = |name: &str, course: &dyn Fn() -> Result<Course, ReportError>| {
             bar.inc();
@@ -150,7 +150,11 @@ impl Lane<'_> {
     }
 
     /// A movie of another raster on that of the judge.
-    fn on_judge(&self, bench: &Bench, movie: ArrayView2<'_, f64>) -> Result<Array2<f64>, ReportError> {
+    fn on_judge(
+        &self,
+        bench: &Bench,
+        movie: ArrayView2<'_, f64>,
+    ) -> Result<Array2<f64>, ReportError> {
         let (judge, own) = (&self.judge().raster, &bench.raster);
         if own.pixels() == judge.pixels() {
             return Ok(movie.to_owned());

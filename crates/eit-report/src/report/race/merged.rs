@@ -4,9 +4,9 @@
 use super::case::Case;
 use super::point::{Course, Point};
 use crate::reconstruct::movie_status_words;
+use eit_inverse::MovieStatus;
 use eit_skin::plan::machine::Machine;
 use eit_skin::plan::measured::Measured;
-use eit_inverse::MovieStatus;
 
 /// Rows of a scene whose recordings gave these courses, one list for each; and what one recording
 /// has and another lacks.

@@ -1,17 +1,17 @@
 //! What the race leaves: a page, a Markdown text, tables for programs, pictures.
 //! Long because the tables are one list.
 
-use crate::Answer;
 use super::forward::{self, ForwardCourse};
 use super::images::Findings;
 use super::table::{Table, csv_failed};
 use super::{How, Results, Size, best};
+use crate::Answer;
 use crate::error::ReportError;
 use crate::html::{Block, Page, Section};
-use eit_skin::plan::machine::Machine;
-use eit_skin::plan::measured::Measured;
 use crate::output::{OutFolder, io};
 use eit_skin::Progress;
+use eit_skin::plan::machine::Machine;
+use eit_skin::plan::measured::Measured;
 use serde_json::{Value, json};
 
 const TITLE: &str = "Error against run time";

@@ -5,10 +5,9 @@ use super::Recording;
 use super::case::Case;
 use super::forward::{ForwardCourse, OURS};
 use super::point::Course;
-use eit_picture::draw;
 use crate::error::ReportError;
-use eit_skin::plan::measured::Measured;
 use eit_picture::{Canvas, FrameLabels, PictureSettings, Plot, Series, draw_plot, draw_sheet};
+use eit_skin::plan::measured::Measured;
 use ndarray::Axis;
 
 /// Solvers whose curve over the pixels is one line.
@@ -167,9 +166,10 @@ fn sheet(
             rows.push(course.movie.row(frame));
         }
     }
-    let stacked = ndarray::stack(Axis(0), &rows).map_err(|e| ReportError::Failure(e.to_string()))?;
+    let stacked =
+        ndarray::stack(Axis(0), &rows).map_err(|e| ReportError::Failure(e.to_string()))?;
     let images = judge.raster.images_from_pixels(stacked.view())?;
-    let skin = draw::skin(&judge.setup.mesh, &judge.raster);
+    let skin = eit_picture::SkinDrawing::from_raster(&judge.setup.mesh, &judge.raster);
     let settings = PictureSettings {
         title: format!("Frame {frame} by every solver"),
         footnote: note.to_owned(),

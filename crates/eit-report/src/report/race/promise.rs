@@ -4,15 +4,15 @@ use super::super::bench::{Bench, Entrant, Entry};
 use super::super::scores::{Scores, Truth};
 use super::Recording;
 use super::floor::Floors;
+use crate::error::ReportError;
+use eit_inverse::Differences;
+use eit_skin::Progress;
+use eit_skin::method::{self, Method};
+use eit_skin::pipeline::{self, tv};
 use eit_skin::plan::expected::Expected;
 use eit_skin::plan::sequence::Sequence;
 use eit_skin::plan::stages;
-use crate::error::ReportError;
-use eit_skin::method::{self, Method};
-use eit_skin::pipeline::{self, tv};
-use eit_skin::Progress;
 use eit_skin::scene::{DenoiseKeys, Rule, Scene};
-use eit_inverse::Differences;
 use ndarray::Array2;
 use std::time::Instant;
 
@@ -103,7 +103,7 @@ fn measure(
     (method, recording): (Method, &Recording),
 ) -> Result<Measured, ReportError> {
     let setup = &bench.setup;
-    let (_, mesh_s) = median_s(|| scene.mesh(None)?.build())?;
+    let (_, mesh_s) = median_s(|| Ok(scene.mesh(None)?.build()?))?;
     let background = vec![scene.skin.conductivity_s; setup.model.elements()];
     let mut workspace = setup.model.workspace()?;
     let (_, forward_s) = median_s(|| {
@@ -174,7 +174,7 @@ fn one_step(
     let frames = &recording.simulated.frames;
     let mut silent = Progress::silent();
     let (imaging, matrix_s) = median_s(|| {
-        pipeline::imaging(scene, &bench.setup, &bench.linearised, frames, &mut silent)
+        Ok(pipeline::imaging(scene, &bench.setup, &bench.linearised, frames, &mut silent)?)
     })?;
     let reconstructor = imaging.difference.on_raster(bench.raster.pixel_from_element())?;
     let mut memory = reconstructor.workspace();

@@ -2,8 +2,8 @@
 //! the race of its images.
 
 use super::case::{CASES, Case};
-use crate::settings::ReportSettings;
 use crate::error::ReportError;
+use crate::settings::ReportSettings;
 
 /// A built-in skin and the sheet that its forward problem is solved for.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,18 +5,18 @@ use super::Grid;
 use super::lab::Lab;
 use super::table::{Cell, Table, quantile};
 use super::tracks::{Present, Tally};
-use eit_skin::denoise::{Chain, Chained};
 use crate::error::ReportError;
-use eit_skin::method::Method;
-use eit_skin::pipeline;
-use eit_skin::Progress;
-use eit_skin::scene::Scene;
 use eit_fem::fabric::{
     Fabric, FabricSettings, PlayCircle, Rim, Simulation, SimulationSettings, TouchScript,
 };
 use eit_inverse::metrics::{Cells, TouchSettings, artefact_energy, touch_position_errors_m};
 use eit_inverse::touch::Touch;
 use eit_mesh::Raster;
+use eit_skin::Progress;
+use eit_skin::denoise::{Chain, Chained};
+use eit_skin::method::Method;
+use eit_skin::pipeline;
+use eit_skin::scene::Scene;
 use ndarray::{ArrayView2, Axis};
 
 /// How far electrodes are said to move: in these scripts it is 0.7 mm at most, root mean square along
@@ -66,7 +66,7 @@ fn cases(grid: &Grid) -> impl Iterator<Item = &'static Case> {
 pub(super) fn table(
     lab: &Lab,
     grid: &Grid,
-    bar: &indicatif::ProgressBar,
+    bar: &eit_skin::Steps<'_>,
 ) -> Result<Table, ReportError> {
     let mut rows = Vec::new();
     let mut moved_m = 0.0_f64;
@@ -216,7 +216,9 @@ impl Shown {
         let mut silent = Progress::silent();
         let found = pipeline::touches::touches(&chain.scene, models, given, None, &mut silent)?;
         let Some(found) = found else {
-            return Err(ReportError::Failure("the noise of simulated frames is unknown".to_owned()));
+            return Err(ReportError::Failure(
+                "the noise of simulated frames is unknown".to_owned(),
+            ));
         };
         let mut tally = Tally::default();
         for frame in self.script.quiet_frames..self.script.frames {

@@ -3,9 +3,6 @@
 use super::super::bench::{Entrant, Entry};
 use super::lab::{Lab, RADIUS_M, Random};
 use crate::error::ReportError;
-use eit_skin::method::Method;
-use eit_skin::pipeline::{self, Setup};
-use eit_skin::scene::Rule;
 use eit_inverse::touch::{
     Bell, FitResult, FitSettings, NoiseFloor, Touch, TouchFit, TouchStream, TouchStreamSettings,
 };
@@ -13,6 +10,9 @@ use eit_inverse::{
     Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget, Reconstructor, StTv, Stop,
     Workspace,
 };
+use eit_skin::method::Method;
+use eit_skin::pipeline::{self, Setup};
+use eit_skin::scene::Rule;
 use ndarray::{Array2, ArrayView1};
 
 /// Noise added to those images, relative to the peak of a touch: most of their pixels are exactly
@@ -65,7 +65,11 @@ impl<'a> Eyes<'a> {
     }
 
     /// Touches of a one-step image, the strongest first.
-    pub fn one_step(&mut self, frame: &[f64], reference: &[f64]) -> Result<Vec<Touch>, ReportError> {
+    pub fn one_step(
+        &mut self,
+        frame: &[f64],
+        reference: &[f64],
+    ) -> Result<Vec<Touch>, ReportError> {
         let image = &mut self.pixels;
         self.one_step.reconstruct_into(frame, reference, &mut self.workspace, image)?;
         strongest_first(&self.one_step_touches, image)

@@ -6,10 +6,10 @@ use super::Grid;
 use super::lab::{DATA_NODES, Lab};
 use super::table::{Cell, Table};
 use crate::error::ReportError;
-use eit_skin::Progress;
-use eit_skin::scene::Rule;
 use crate::simulate::{Finger, FingerShape, TouchMovie};
 use eit_inverse::{Differences, Stop};
+use eit_skin::Progress;
+use eit_skin::scene::Rule;
 
 /// Methods that are compared: all but the absolute one, which takes too long.
 pub(super) const METHODS: usize = ENTRANTS.len() - 1;
@@ -26,7 +26,7 @@ const TARGET_GAP: f64 = 1e-2;
 pub(super) fn table(
     lab: &Lab,
     grid: &Grid,
-    bar: &indicatif::ProgressBar,
+    bar: &eit_skin::Steps<'_>,
 ) -> Result<Table, ReportError> {
     let bench = &lab.bench;
     let finger = Finger { shape: FingerShape::Bell, sigma_m: 0.01, change: 0.3 };

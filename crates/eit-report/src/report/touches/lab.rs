@@ -2,11 +2,11 @@
 
 use super::super::bench::Bench;
 use crate::error::ReportError;
-use eit_skin::frames::Frames;
-use eit_skin::pipeline::{self, Setup};
-use eit_skin::Progress;
 use eit_inverse::metrics::Cells;
 use eit_inverse::touch::Bell;
+use eit_skin::Progress;
+use eit_skin::frames::Frames;
+use eit_skin::pipeline::{self, Setup};
 use ndarray::Array2;
 use rand_distr::Distribution as _;
 
@@ -43,7 +43,10 @@ pub(super) struct Lab {
 
 impl Lab {
     /// The paper's skin.
-    pub fn new((pixels, quiet): (usize, usize), progress: &mut Progress) -> Result<Self, ReportError> {
+    pub fn new(
+        (pixels, quiet): (usize, usize),
+        progress: &mut Progress,
+    ) -> Result<Self, ReportError> {
         let bench = Bench::new(pixels, progress)?;
         let data = pipeline::setup(&bench.scene, None, Some(DATA_NODES), progress)?;
         let fine_fit = pipeline::setup(&bench.scene, None, Some(FINE_FIT_NODES), progress)?;

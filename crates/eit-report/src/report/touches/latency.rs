@@ -24,7 +24,7 @@ const AROUND: usize = 40;
 pub(super) fn table(
     lab: &Lab,
     grid: &Grid,
-    bar: &indicatif::ProgressBar,
+    bar: &eit_skin::Steps<'_>,
 ) -> Result<Table, ReportError> {
     let clean = circle(lab)?;
     let one_step = one_step_times(lab, &clean, grid.latency_frames)?;

@@ -51,7 +51,7 @@ fn fabrics() -> [(&'static str, FabricSettings, bool); FABRICS] {
 pub(super) fn table(
     lab: &Lab,
     grid: &Grid,
-    bar: &indicatif::ProgressBar,
+    bar: &eit_skin::Steps<'_>,
 ) -> Result<Table, ReportError> {
     let mut eyes = Eyes::new(lab, NOISE_DB)?;
     let all: Vec<Vec<[f64; 2]>> =
@@ -175,7 +175,11 @@ pub(super) fn simulate(
 }
 
 /// Bound of the bells that fit frames without noise, root mean square distance, metres.
-fn bound_m(eyes: &mut Eyes<'_>, frames: &[Vec<f64>], reference: &[f64]) -> Result<f64, ReportError> {
+fn bound_m(
+    eyes: &mut Eyes<'_>,
+    frames: &[Vec<f64>],
+    reference: &[f64],
+) -> Result<f64, ReportError> {
     let mut bounds = Vec::new();
     for frame in frames {
         let fitted = eyes.one_bell(frame, reference)?;

@@ -28,7 +28,7 @@ pub(super) struct Separation {
 pub(super) fn measure(
     lab: &Lab,
     grid: &Grid,
-    bar: &indicatif::ProgressBar,
+    bar: &eit_skin::Steps<'_>,
 ) -> Result<Vec<Separation>, ReportError> {
     at_each(grid.noise_db, |noise_db| {
         // many fits: on the mesh of the images at every noise

@@ -58,7 +58,7 @@ pub(super) fn places(lab: &Lab, ring: f64, count: usize) -> Vec<[f64; 2]> {
 pub(super) fn measure(
     lab: &Lab,
     grid: &Grid,
-    bar: &indicatif::ProgressBar,
+    bar: &eit_skin::Steps<'_>,
 ) -> Result<Vec<Errors>, ReportError> {
     at_each(grid.noise_db, |noise_db| {
         let mut eyes = Eyes::new(lab, noise_db)?;
@@ -91,8 +91,8 @@ fn at_ring(
         if k == 0 {
             let few = (0..WEIGHT_FRAMES).flat_map(|_| random.noisy(&clean, noise)).collect();
             let shape = (WEIGHT_FRAMES, clean.len());
-            let few =
-                Array2::from_shape_vec(shape, few).map_err(|e| ReportError::Failure(e.to_string()))?;
+            let few = Array2::from_shape_vec(shape, few)
+                .map_err(|e| ReportError::Failure(e.to_string()))?;
             eyes.open_tv(few, reference)?;
         }
         for _ in 0..grid.trials.div_ceil(grid.places) {

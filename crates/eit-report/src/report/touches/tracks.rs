@@ -45,7 +45,7 @@ pub(super) struct Tally {
 pub(super) fn table(
     lab: &Lab,
     grid: &Grid,
-    bar: &indicatif::ProgressBar,
+    bar: &eit_skin::Steps<'_>,
 ) -> Result<Table, ReportError> {
     let settings =
         FabricSettings { instrument: FabricSettings::ideal().instrument, ..Default::default() };

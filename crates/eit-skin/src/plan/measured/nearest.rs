@@ -21,12 +21,7 @@ pub struct Nearest {
 }
 
 /// The built-in scene that is most like this one. `voltages` are those of the untouched skin.
-pub fn nearest(
-    scene: &Scene,
-    setup: &Setup,
-    frames: Option<usize>,
-    voltages: &[f64],
-) -> Nearest {
+pub fn nearest(scene: &Scene, setup: &Setup, frames: Option<usize>, voltages: &[f64]) -> Nearest {
     let found = |scene, why: &str| Nearest { scene, why: why.to_owned() };
     let electrodes = setup.protocol.electrodes();
     if setup.protocol.quadruples().is_none() {

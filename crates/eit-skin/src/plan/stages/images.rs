@@ -6,9 +6,9 @@ use super::rates::{
     TV_TRIAL_FRAMES, TV_TRIALS,
 };
 use super::{Sizes, Stage};
-use crate::plan::sequence::Sequence;
 use crate::pipeline::DEFAULT_NOISE_FIGURE;
 use crate::pipeline::tv::DEFAULT_TARGET_GAP;
+use crate::plan::sequence::Sequence;
 use crate::scene::{DifferenceKind, Hyperparameter, Rule, Scene};
 
 impl Sizes<'_> {

@@ -4,9 +4,9 @@
 
 use super::sheet::Sheet;
 use crate::error::ReportError;
-use eit_skin::pipeline::{self, series};
-use eit_skin::Progress;
 use eit_fem::Elements;
+use eit_skin::Progress;
+use eit_skin::pipeline::{self, series};
 use ndarray::Array1;
 
 /// Degrees of the series; what it changes by from one to the other is taken for its error.

@@ -8,10 +8,10 @@
 
 use super::super::skins::Skin;
 use crate::error::ReportError;
-use eit_skin::scene::{Scene, SceneElectrodes, SceneMesh};
 use crate::simulate::{Finger, MovieSettings, TouchMovie};
 use eit_fem::{Elements, ForwardModel};
 use eit_mesh::{Contact, Mesh, MeshSettings, SkinShape};
+use eit_skin::scene::{Scene, SceneElectrodes, SceneMesh};
 
 /// How a family is refined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -132,7 +132,7 @@ impl Sheet {
             }
             file => file,
         };
-        made.build()
+        Ok(made.build()?)
     }
 
     /// A mesh that stands for the truth with quadratic elements, the finer the smaller `scale` is; 1

@@ -5,12 +5,12 @@
 use super::super::super::bench::{Bench, Entrant};
 use super::super::point::{Course, Solver, Spread};
 use super::{Lane, Made, SetUp};
-use eit_skin::denoise::{LiveNet, Net};
 use crate::error::ReportError;
-use eit_skin::pipeline::{self, tv};
-use eit_skin::Progress;
-use eit_skin::scene::{Hyperparameter, Rule, Scene};
 use eit_inverse::{MovieStatus, Reconstructor, StTvStream, Workspace};
+use eit_skin::Progress;
+use eit_skin::denoise::{LiveNet, Net};
+use eit_skin::pipeline::{self, tv};
+use eit_skin::scene::{Hyperparameter, Rule, Scene};
 use ndarray::Array2;
 use std::time::Instant;
 

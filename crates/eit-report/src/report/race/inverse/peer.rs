@@ -4,8 +4,8 @@ use super::super::peers::{PeerMovie, PeerProblem};
 use super::super::point::{Course, Solver, Spread};
 use super::{Lane, MOVIES, Made, STILLS, SetUp};
 use crate::error::ReportError;
-use eit_skin::pipeline::{self, tv};
 use eit_skin::Progress;
+use eit_skin::pipeline::{self, tv};
 use eit_skin::scene::Rule;
 use ndarray::Array1;
 

@@ -5,9 +5,9 @@ use super::super::super::bench::{Bench, Entrant};
 use super::super::point::{Course, Solver, Spread};
 use super::{Lane, Made, SetUp};
 use crate::error::ReportError;
+use eit_inverse::{Differences, MovieStatus, Stop};
 use eit_skin::method::Method;
 use eit_skin::scene::Rule;
-use eit_inverse::{Differences, MovieStatus, Stop};
 use ndarray::Array2;
 use std::time::{Duration, Instant};
 

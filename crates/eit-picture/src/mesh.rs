@@ -1,6 +1,6 @@
 //! A mesh: edges, electrodes, and if wanted a value for each triangle.
 
-use super::{
+use crate::{
     PictureError, PictureSettings, SkinDrawing,
     canvas::{Canvas, LINE, Rgb},
     page::{Page, PageSettings},
@@ -19,7 +19,7 @@ const FULL_EDGE: f64 = 7.0;
 
 /// A triangulation in the plane.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct MeshDrawing<'a> {
+pub struct MeshDrawing<'a> {
     /// Nodes in metres.
     pub nodes_m: &'a [[f64; 2]],
     /// Triangles as indices of nodes, from 0.
@@ -34,7 +34,7 @@ pub(crate) struct MeshDrawing<'a> {
 ///
 /// # Errors
 /// Values that are not one per triangle, nodes that do not exist, coordinates not finite.
-pub(crate) fn draw_mesh(
+pub fn draw_mesh(
     mesh: &MeshDrawing<'_>,
     skin: &SkinDrawing,
     settings: &PictureSettings,
@@ -138,7 +138,7 @@ fn fill_triangle(canvas: &mut Canvas, corners: [[f64; 2]; 3], color: Rgb) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::picture::{ColorMap, fixture::disc};
+    use crate::{ColorMap, fixture::disc};
 
     const NODES: [[f64; 2]; 4] = [[-0.1, 0.0], [0.1, 0.0], [0.0, 0.1], [0.0, -0.1]];
     const TRIANGLES: [[usize; 3]; 2] = [[0, 1, 2], [0, 1, 3]];

@@ -7,25 +7,25 @@ use image::{
     codecs::png::{CompressionType, FilterType, PngEncoder},
 };
 
-use super::{
+use crate::{
     PictureError,
     text::{CAP_HEIGHT_EM, Font},
 };
 
 /// Red, green, blue (sRGB).
-pub(super) type Rgb = [u8; 3];
+pub(crate) type Rgb = [u8; 3];
 /// Paper.
-pub(super) const WHITE: Rgb = [255; 3];
+pub(crate) const WHITE: Rgb = [255; 3];
 /// Text and electrodes.
-pub(super) const INK: Rgb = [32; 3];
+pub(crate) const INK: Rgb = [32; 3];
 /// Outlines and axes.
-pub(super) const LINE: Rgb = [96; 3];
+pub(crate) const LINE: Rgb = [96; 3];
 /// Hatching where the skin has no value, grid lines.
-pub(super) const PALE: Rgb = [196; 3];
+pub(crate) const PALE: Rgb = [196; 3];
 
 /// Which part of a text stands at the given x.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Align {
+pub(crate) enum Align {
     Left,
     Centre,
     Right,
@@ -33,7 +33,7 @@ pub(super) enum Align {
 
 /// A white page to draw on. Positions are in points, x to the right and y down from the top left.
 #[derive(Clone, Debug)]
-pub(crate) struct Canvas {
+pub struct Canvas {
     width_px: usize,
     height_px: usize,
     zoom: usize,
@@ -43,24 +43,24 @@ pub(crate) struct Canvas {
 
 impl Canvas {
     /// An empty page of `width` by `height` points with `zoom` pixels to a point.
-    pub(super) fn new(width: f64, height: f64, zoom: usize, font: Font) -> Self {
+    pub(crate) fn new(width: f64, height: f64, zoom: usize, font: Font) -> Self {
         let px = |length: f64| (length.ceil().max(1.0) as usize) * zoom;
         let (width_px, height_px) = (px(width), px(height));
         Self { width_px, height_px, zoom, rgb: vec![255; 3 * width_px * height_px], font }
     }
 
     /// Width and height in pixels.
-    pub(crate) fn size_px(&self) -> [usize; 2] {
+    pub fn size_px(&self) -> [usize; 2] {
         [self.width_px, self.height_px]
     }
 
     /// The pixels row by row from the top, three bytes each.
-    pub(crate) fn rgb(&self) -> &[u8] {
+    pub fn rgb(&self) -> &[u8] {
         &self.rgb
     }
 
     /// Pixels to a point.
-    pub(super) fn zoom(&self) -> usize {
+    pub(crate) fn zoom(&self) -> usize {
         self.zoom
     }
 
@@ -68,7 +68,7 @@ impl Canvas {
     ///
     /// # Errors
     /// [`PictureError::Png`] when `out` cannot be written.
-    pub(crate) fn write_png(&self, out: impl Write) -> Result<(), PictureError> {
+    pub fn write_png(&self, out: impl Write) -> Result<(), PictureError> {
         let [width, height] = [self.width_px as u32, self.height_px as u32];
         PngEncoder::new_with_quality(out, CompressionType::Default, FilterType::Adaptive)
             .write_image(&self.rgb, width, height, ExtendedColorType::Rgb8)?;
@@ -76,7 +76,7 @@ impl Canvas {
     }
 
     /// Lays `colour` over a pixel, `opacity` from 0 to 1; outside the page nothing happens.
-    pub(super) fn blend(&mut self, x: i64, y: i64, colour: Rgb, opacity: f64) {
+    pub(crate) fn blend(&mut self, x: i64, y: i64, colour: Rgb, opacity: f64) {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
         if x < self.width_px && y < self.height_px {
             let at = 3 * (y * self.width_px + x);
@@ -88,7 +88,7 @@ impl Canvas {
     }
 
     /// Fills a rectangle, its borders rounded to whole pixels.
-    pub(super) fn fill_rect(&mut self, [left, top]: [f64; 2], size: [f64; 2], colour: Rgb) {
+    pub(crate) fn fill_rect(&mut self, [left, top]: [f64; 2], size: [f64; 2], colour: Rgb) {
         let px = |at: f64| (at * self.zoom as f64).round() as i64;
         let (columns, rows) = (px(left)..px(left + size[0]), px(top)..px(top + size[1]));
         for y in rows {
@@ -99,7 +99,7 @@ impl Canvas {
     /// Draws a polyline with round ends and joints, anti-aliased. A single point is a dot.
     ///
     /// Each pixel takes the coverage of the nearest segment, so that joints are not darker.
-    pub(super) fn stroke(&mut self, points: &[[f64; 2]], width: f64, colour: Rgb, opacity: f64) {
+    pub(crate) fn stroke(&mut self, points: &[[f64; 2]], width: f64, colour: Rgb, opacity: f64) {
         let zoom = self.zoom as f64;
         let points: Vec<_> = points.iter().map(|p| [p[0] * zoom, p[1] * zoom]).collect();
         let Some(last) =
@@ -139,12 +139,12 @@ impl Canvas {
     }
 
     /// The font of the page.
-    pub(super) fn font(&self) -> &Font {
+    pub(crate) fn font(&self) -> &Font {
         &self.font
     }
 
     /// Writes one line; `y` is the middle of the capitals. Letters stand on whole pixels.
-    pub(super) fn text(&mut self, text: &str, em: f64, at: [f64; 2], align: Align, colour: Rgb) {
+    pub(crate) fn text(&mut self, text: &str, em: f64, at: [f64; 2], align: Align, colour: Rgb) {
         let (zoom, font) = (self.zoom as f64, self.font.clone());
         let em = em * zoom;
         let shift = match align {
@@ -159,12 +159,12 @@ impl Canvas {
 }
 
 /// The middle of a pixel near a coordinate, on which a line one point wide is sharp.
-pub(super) fn crisp(at: f64) -> f64 {
+pub(crate) fn crisp(at: f64) -> f64 {
     at.floor() + 0.5
 }
 
 /// A closed rectangle of sharp lines.
-pub(super) fn crisp_frame([left, top]: [f64; 2], [width, height]: [f64; 2]) -> [[f64; 2]; 5] {
+pub(crate) fn crisp_frame([left, top]: [f64; 2], [width, height]: [f64; 2]) -> [[f64; 2]; 5] {
     let ([left, right], [top, bottom]) =
         ([left, left + width].map(crisp), [top, top + height].map(crisp));
     [[left, top], [right, top], [right, bottom], [left, bottom], [left, top]]

@@ -2,7 +2,7 @@
 
 use ndarray::{ArrayView3, Axis};
 
-use super::{
+use crate::{
     FrameLabels, PictureError, PictureSettings, SkinDrawing,
     canvas::Canvas,
     page::{LABEL_EM, Page, PageSettings},
@@ -27,7 +27,7 @@ const LABEL_WIDTH: f64 = 300.0;
 ///
 /// # Errors
 /// No image; a skin whose coordinates are not finite; labels, range or rate that do not fit.
-pub(crate) fn draw_sheet(
+pub fn draw_sheet(
     images: ArrayView3<'_, f64>,
     skin: &SkinDrawing,
     settings: &PictureSettings,
@@ -45,35 +45,35 @@ pub(crate) fn draw_sheet(
 }
 
 /// How many frames of how many go where.
-pub(super) struct SheetLayout {
+pub(crate) struct SheetLayout {
     /// Most frames to choose.
-    pub(super) most: usize,
+    pub(crate) most: usize,
     /// Images that belong to one frame.
-    pub(super) group: usize,
+    pub(crate) group: usize,
     /// Panels side by side.
-    pub(super) cells: usize,
+    pub(crate) cells: usize,
     /// Longer side of each, in points.
-    pub(super) side: f64,
+    pub(crate) side: f64,
     /// Pixels to a point.
-    pub(super) zoom: usize,
+    pub(crate) zoom: usize,
 }
 
 /// Chosen frames, and the page that waits for them.
-pub(super) struct ImageSheet<'a> {
+pub(crate) struct ImageSheet<'a> {
     images: ArrayView3<'a, f64>,
     smooth: bool,
     /// Which of the images are shown.
-    pub(super) chosen: Vec<usize>,
+    pub(crate) chosen: Vec<usize>,
     labels: Vec<String>,
     marks_m: Vec<Vec<[f64; 2]>>,
-    pub(super) scale: Scale,
+    pub(crate) scale: Scale,
     panel: Panel,
-    pub(super) page: Page,
+    pub(crate) page: Page,
 }
 
 impl<'a> ImageSheet<'a> {
     /// Checks the input and prepares everything that all frames share.
-    pub(super) fn new(
+    pub(crate) fn new(
         images: ArrayView3<'a, f64>,
         skin: &SkinDrawing,
         settings: &PictureSettings,
@@ -116,7 +116,7 @@ impl<'a> ImageSheet<'a> {
     }
 
     /// Draws the `k`-th of the chosen frames into a panel of the page.
-    pub(super) fn draw_frame(&self, canvas: &mut Canvas, cell: usize, k: usize) {
+    pub(crate) fn draw_frame(&self, canvas: &mut Canvas, cell: usize, k: usize) {
         let corner = self.page.corners[cell];
         let image = self.images.index_axis(Axis(0), self.chosen[k]);
         self.panel.draw_image(canvas, corner, image, &self.scale, self.smooth);
@@ -127,7 +127,7 @@ impl<'a> ImageSheet<'a> {
 }
 
 /// The notes that are not empty, in one line.
-pub(super) fn joined(notes: &[String]) -> String {
+pub(crate) fn joined(notes: &[String]) -> String {
     let notes: Vec<&str> = notes.iter().map(|n| n.trim()).filter(|n| !n.is_empty()).collect();
     notes.join(" · ")
 }
@@ -162,7 +162,7 @@ fn labels(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::picture::{
+    use crate::{
         ColorMap,
         canvas::PALE,
         fixture::{disc, inner_box, walk},

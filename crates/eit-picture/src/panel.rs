@@ -3,7 +3,7 @@
 
 use ndarray::ArrayView2;
 
-use super::{
+use crate::{
     Extent, PictureError, SkinDrawing,
     canvas::{Align, Canvas, INK, LINE, PALE, WHITE},
     numbers::{NUMBER_EM, NUMBER_GAP, NUMBER_HEIGHT, Number, crossings, place_numbers, trimmed},
@@ -20,9 +20,9 @@ const LEAST_SIDE: f64 = 2.0;
 
 /// A skin laid out on a rectangle of the page, at the origin.
 #[derive(Clone, Debug)]
-pub(super) struct Panel {
+pub(crate) struct Panel {
     /// Size with the numbers around, in points.
-    pub(super) size: [f64; 2],
+    pub(crate) size: [f64; 2],
     outlines: Vec<Vec<[f64; 2]>>,
     electrodes: Vec<Vec<[f64; 2]>>,
     numbers: Vec<Number>,
@@ -57,7 +57,7 @@ impl Panel {
     ///
     /// # Errors
     /// Coordinates that are not finite; a raster without area.
-    pub(super) fn new(
+    pub(crate) fn new(
         skin: &SkinDrawing,
         side: f64,
         zoom: usize,
@@ -90,15 +90,15 @@ impl Panel {
     }
 
     /// Where a point of the skin is, on the panel at the origin.
-    pub(super) fn to_page(&self, point_m: [f64; 2]) -> [f64; 2] {
+    pub(crate) fn to_page(&self, point_m: [f64; 2]) -> [f64; 2] {
         self.view.to_page(point_m)
     }
 
     /// Paints the values [row, column]; hatched where the skin has none (NaN).
     ///
     /// `corner` is the panel's place on the page, in whole points; `smooth` as in
-    /// [`super::PictureSettings`].
-    pub(super) fn draw_image(
+    /// [`crate::PictureSettings`].
+    pub(crate) fn draw_image(
         &self,
         canvas: &mut Canvas,
         corner: [f64; 2],
@@ -174,7 +174,7 @@ impl Panel {
     }
 
     /// Draws outline, electrodes and numbers with the panel's corner at `corner`.
-    pub(super) fn draw_skin(&self, canvas: &mut Canvas, corner: [f64; 2]) {
+    pub(crate) fn draw_skin(&self, canvas: &mut Canvas, corner: [f64; 2]) {
         let place = |curve: &[[f64; 2]]| -> Vec<[f64; 2]> {
             curve.iter().map(|p| [corner[0] + p[0], corner[1] + p[1]]).collect()
         };
@@ -197,7 +197,7 @@ impl Panel {
 
 impl Panel {
     /// Draws a small cross on each place that is on the panel, dark on a light ground.
-    pub(super) fn draw_marks(&self, canvas: &mut Canvas, corner: [f64; 2], marks_m: &[[f64; 2]]) {
+    pub(crate) fn draw_marks(&self, canvas: &mut Canvas, corner: [f64; 2], marks_m: &[[f64; 2]]) {
         let on_panel = |p: &[f64; 2]| (0..2).all(|i| (0.0..=self.size[i]).contains(&p[i]));
         for [x, y] in marks_m.iter().map(|mark| self.to_page(*mark)).filter(on_panel) {
             let [x, y] = [corner[0] + x, corner[1] + y];
@@ -254,8 +254,8 @@ fn inside(outlines: &[Vec<[f64; 2]>], [columns, rows]: [usize; 2], zoom: f64) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::picture::ElectrodeDrawing;
-    use crate::picture::fixture::{disc, inner_box};
+    use crate::ElectrodeDrawing;
+    use crate::fixture::{disc, inner_box};
 
     #[test]
     fn numbers_stand_outside_a_disc_and_inside_its_panel() {

@@ -3,11 +3,11 @@
 //! Both have a lightness that is monotone (sequential) or falls alike to both sides (diverging),
 //! and neither asks the eye to tell red from green.
 
-use super::canvas::Rgb;
+use crate::canvas::Rgb;
 
 /// Which colours stand for the values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum ColorMap {
+pub enum ColorMap {
     /// Blue, light grey at zero, red: Moreland's cool-warm. The range is made symmetric.
     #[default]
     CoolWarm,
@@ -17,7 +17,7 @@ pub(crate) enum ColorMap {
 
 impl ColorMap {
     /// The colour at `position`, 0 the lower end and 1 the upper; positions beyond are clamped.
-    pub(crate) fn color(self, position: f64) -> Rgb {
+    pub fn color(self, position: f64) -> Rgb {
         let position = position.clamp(0.0, 1.0);
         match self {
             Self::CoolWarm => cool_warm(position),

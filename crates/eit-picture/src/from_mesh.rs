@@ -1,25 +1,26 @@
 //! From meshes and rasters to what the pictures need.
 
-use crate::picture::{ElectrodeDrawing, Extent, SkinDrawing};
-use crate::view::View;
+use crate::{ElectrodeDrawing, Extent, SkinDrawing, View};
 use eit_mesh::{Electrode, Mesh, Raster, Surface};
 use std::collections::HashMap;
 
-/// The skin of a mesh with a raster's extent.
-pub(crate) fn skin(mesh: &Mesh, raster: &Raster) -> SkinDrawing {
-    let [x_min_m, x_max_m, y_min_m, y_max_m] = raster.extent_m();
-    skin_with_extent(mesh, &View::TOP, Extent { x_min_m, x_max_m, y_min_m, y_max_m })
-}
-
-/// The skin of a mesh as seen in a view, its extent the bounding box.
-pub(crate) fn skin_of_mesh(mesh: &Mesh, view: &View) -> SkinDrawing {
-    let mut extent = [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY];
-    for &node in mesh.surface().nodes() {
-        let [x, y] = view.flat(node);
-        extent = [extent[0].min(x), extent[1].max(x), extent[2].min(y), extent[3].max(y)];
+impl SkinDrawing {
+    /// The skin of a mesh seen from +z, for images on this raster: its extent is the raster's.
+    pub fn from_raster(mesh: &Mesh, raster: &Raster) -> Self {
+        let [x_min_m, x_max_m, y_min_m, y_max_m] = raster.extent_m();
+        skin_with_extent(mesh, &View::TOP, Extent { x_min_m, x_max_m, y_min_m, y_max_m })
     }
-    let [x_min_m, x_max_m, y_min_m, y_max_m] = extent;
-    skin_with_extent(mesh, view, Extent { x_min_m, x_max_m, y_min_m, y_max_m })
+
+    /// The skin of a mesh as seen in a view; its extent is the bounding box.
+    pub fn from_mesh(mesh: &Mesh, view: &View) -> Self {
+        let mut extent = [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY];
+        for &node in mesh.surface().nodes() {
+            let [x, y] = view.flat(node);
+            extent = [extent[0].min(x), extent[1].max(x), extent[2].min(y), extent[3].max(y)];
+        }
+        let [x_min_m, x_max_m, y_min_m, y_max_m] = extent;
+        skin_with_extent(mesh, view, Extent { x_min_m, x_max_m, y_min_m, y_max_m })
+    }
 }
 
 fn skin_with_extent(mesh: &Mesh, view: &View, extent: Extent) -> SkinDrawing {

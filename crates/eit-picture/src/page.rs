@@ -1,19 +1,19 @@
 //! The page around the panels: headline, grid, colour bar, small print.
 
-use super::{
+use crate::{
     canvas::{Align, Canvas, INK, LINE},
     scale::Scale,
     text::Font,
 };
 
 /// Border of the page in points.
-pub(super) const MARGIN: f64 = 14.0;
+pub(crate) const MARGIN: f64 = 14.0;
 /// Ems of headline, labels and small print, in points.
-pub(super) const TITLE_EM: f64 = 14.0;
-pub(super) const LABEL_EM: f64 = 11.0;
-pub(super) const NOTE_EM: f64 = 10.0;
+pub(crate) const TITLE_EM: f64 = 14.0;
+pub(crate) const LABEL_EM: f64 = 11.0;
+pub(crate) const NOTE_EM: f64 = 10.0;
 /// Line height over em.
-pub(super) const LEADING: f64 = 1.5;
+pub(crate) const LEADING: f64 = 1.5;
 /// Least width of the page in points, for titles over slim skins.
 const LEAST_WIDTH: f64 = 300.0;
 /// Wanted width over height of a grid of panels.
@@ -25,33 +25,33 @@ const BAR_HEADING: f64 = 26.0;
 const BAR_HEIGHT: [f64; 2] = [80.0, 260.0];
 
 /// What a page must hold.
-pub(super) struct PageSettings<'a> {
-    pub(super) title: &'a str,
-    pub(super) note: &'a str,
+pub(crate) struct PageSettings<'a> {
+    pub(crate) title: &'a str,
+    pub(crate) note: &'a str,
     /// Number of panels.
-    pub(super) cells: usize,
+    pub(crate) cells: usize,
     /// Panels to a row; left out: chosen.
-    pub(super) columns: Option<usize>,
+    pub(crate) columns: Option<usize>,
     /// Size of each, in points.
-    pub(super) cell_size: [f64; 2],
+    pub(crate) cell_size: [f64; 2],
     /// Width of the widest label under a panel; none: no room for labels.
-    pub(super) label_width: Option<f64>,
-    pub(super) scale: Option<&'a Scale>,
-    pub(super) zoom: usize,
+    pub(crate) label_width: Option<f64>,
+    pub(crate) scale: Option<&'a Scale>,
+    pub(crate) zoom: usize,
 }
 
 /// A page with everything on it but the panels.
-pub(super) struct Page {
-    pub(super) canvas: Canvas,
+pub(crate) struct Page {
+    pub(crate) canvas: Canvas,
     /// Upper left corners of the panels, in whole points.
-    pub(super) corners: Vec<[f64; 2]>,
+    pub(crate) corners: Vec<[f64; 2]>,
     cell_size: [f64; 2],
 }
 
 impl Page {
     /// Lays the page out and writes what does not change from frame to frame. Long, but one
     /// chain: each length follows from those before.
-    pub(super) fn new(settings: &PageSettings<'_>, font: Font) -> Self {
+    pub(crate) fn new(settings: &PageSettings<'_>, font: Font) -> Self {
         let PageSettings { cells, columns: wanted, cell_size, label_width, scale, zoom, .. } =
             *settings;
         let label_height = label_width.map_or(0.0, |_| (LABEL_EM * LEADING).ceil());
@@ -103,7 +103,7 @@ impl Page {
     }
 
     /// Writes the label under a panel.
-    pub(super) fn label(&self, canvas: &mut Canvas, corner: [f64; 2], text: &str) {
+    pub(crate) fn label(&self, canvas: &mut Canvas, corner: [f64; 2], text: &str) {
         let middle = corner[0] + self.cell_size[0] / 2.0;
         let line = corner[1] + self.cell_size[1] + LABEL_EM * 0.7;
         canvas.text(text, LABEL_EM, [middle, line], Align::Centre, INK);
@@ -119,12 +119,12 @@ fn columns(cells: usize, step: [f64; 2]) -> usize {
 }
 
 /// Height of lines of text, in points.
-pub(super) fn block_height(lines: &[String], em: f64) -> f64 {
+pub(crate) fn block_height(lines: &[String], em: f64) -> f64 {
     (lines.len() as f64 * em * LEADING).ceil()
 }
 
 /// Lines from the left margin down; small print is paler.
-pub(super) fn write_block(canvas: &mut Canvas, lines: &[String], em: f64, top: f64) {
+pub(crate) fn write_block(canvas: &mut Canvas, lines: &[String], em: f64, top: f64) {
     let color = if em > LABEL_EM { INK } else { LINE };
     for (k, line) in lines.iter().enumerate() {
         let middle = top + (k as f64 + 0.5) * em * LEADING - 1.0;

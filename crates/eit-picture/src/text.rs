@@ -2,22 +2,22 @@
 
 use ab_glyph::{Font as _, FontRef, PxScale, ScaleFont as _, point};
 
-use super::PictureError;
+use crate::PictureError;
 
 /// Height of capitals and digits of DejaVu Sans over its em (1493 of 2048 units).
-pub(super) const CAP_HEIGHT_EM: f64 = 0.729;
+pub(crate) const CAP_HEIGHT_EM: f64 = 0.729;
 
 /// Most lines of a text; the rest is cut, so that no text makes a page too large to write.
 const MOST_LINES: usize = 12;
 
 /// The built-in sans serif.
 #[derive(Clone, Debug)]
-pub(super) struct Font(FontRef<'static>);
+pub(crate) struct Font(FontRef<'static>);
 
 impl Font {
     /// Loads the font that the program carries.
-    pub(super) fn load() -> Result<Self, PictureError> {
-        let bytes: &'static [u8] = include_bytes!("../../assets/DejaVuSans-subset.ttf");
+    pub(crate) fn load() -> Result<Self, PictureError> {
+        let bytes: &'static [u8] = include_bytes!("../assets/DejaVuSans-subset.ttf");
         FontRef::try_from_slice(bytes).map(Self).map_err(|_| PictureError::Font)
     }
 
@@ -28,14 +28,14 @@ impl Font {
     }
 
     /// Width of a line of text whose em is `em`, in the same unit.
-    pub(super) fn width(&self, text: &str, em: f64) -> f64 {
+    pub(crate) fn width(&self, text: &str, em: f64) -> f64 {
         let font = self.0.as_scaled(self.scale(em));
         text.chars().map(|c| f64::from(font.h_advance(font.glyph_id(c)))).sum()
     }
 
     /// Breaks text at blanks (but not at no-break spaces) so that no line is wider than `width`;
     /// a longer word is cut, and so is a text of more than twelve lines.
-    pub(super) fn wrap(&self, text: &str, em: f64, width: f64) -> Vec<String> {
+    pub(crate) fn wrap(&self, text: &str, em: f64, width: f64) -> Vec<String> {
         let mut lines = Vec::new();
         let mut line = String::new();
         for letter in text.trim().chars() {
@@ -61,7 +61,7 @@ impl Font {
     }
 
     /// Text on one line, cut with an ellipsis if it is wider than `width`.
-    pub(super) fn shortened(&self, text: &str, em: f64, width: f64) -> String {
+    pub(crate) fn shortened(&self, text: &str, em: f64, width: f64) -> String {
         match &self.wrap(text, em, width)[..] {
             [] => String::new(),
             [line] => line.clone(),
@@ -71,7 +71,7 @@ impl Font {
 
     /// Calls `paint(x, y, coverage)` for each pixel that a line of text touches, the baseline
     /// starting at (`x`, `y`); pixel coordinates count right and down and may be negative.
-    pub(super) fn raster(
+    pub(crate) fn raster(
         &self,
         text: &str,
         em: f64,

@@ -1,28 +1,28 @@
 //! Electrodes on the page: their arcs, and where their numbers stand.
 
-use super::{ElectrodeDrawing, text::Font};
+use crate::{ElectrodeDrawing, text::Font};
 
 /// Em of the electrodes' numbers, in points.
-pub(super) const NUMBER_EM: f64 = 10.0;
+pub(crate) const NUMBER_EM: f64 = 10.0;
 /// From the rim to the number's box, in points: half the electrode's arc and some air.
-pub(super) const NUMBER_GAP: f64 = 5.0;
+pub(crate) const NUMBER_GAP: f64 = 5.0;
 /// Height of a number's box over its em.
-pub(super) const NUMBER_HEIGHT: f64 = 0.8;
+pub(crate) const NUMBER_HEIGHT: f64 = 0.8;
 
 /// The number of an electrode and where it stands.
 #[derive(Clone, Debug)]
-pub(super) struct Number {
-    pub(super) number: usize,
-    pub(super) middle: [f64; 2],
+pub(crate) struct Number {
+    pub(crate) number: usize,
+    pub(crate) middle: [f64; 2],
     /// Of the text, in points.
-    pub(super) width: f64,
+    pub(crate) width: f64,
     /// Stands on the skin, not beside it.
-    pub(super) on_skin: bool,
+    pub(crate) on_skin: bool,
 }
 
 impl Number {
     /// True if the boxes of two numbers come too close.
-    pub(super) fn overlaps(&self, other: &Self) -> bool {
+    pub(crate) fn overlaps(&self, other: &Self) -> bool {
         let apart = |axis: usize| (self.middle[axis] - other.middle[axis]).abs();
         apart(0) < (self.width + other.width) / 2.0 + 2.0
             && apart(1) < NUMBER_EM * NUMBER_HEIGHT + 1.0
@@ -30,7 +30,7 @@ impl Number {
 }
 
 /// Where a horizontal line crosses closed curves.
-pub(super) fn crossings(outlines: &[Vec<[f64; 2]>], y: f64) -> Vec<f64> {
+pub(crate) fn crossings(outlines: &[Vec<[f64; 2]>], y: f64) -> Vec<f64> {
     let edges = outlines.iter().flat_map(|curve| curve.windows(2));
     edges
         .filter(|edge| (edge[0][1] > y) != (edge[1][1] > y))
@@ -40,7 +40,7 @@ pub(super) fn crossings(outlines: &[Vec<[f64; 2]>], y: f64) -> Vec<f64> {
 
 /// Numbers beside the middles of the electrodes, outside the skin where there is an outside.
 /// Where they would overlap, only every second, third, ... is kept, from number 1.
-pub(super) fn place_numbers<'a>(
+pub(crate) fn place_numbers<'a>(
     electrodes: impl Iterator<Item = &'a ElectrodeDrawing>,
     curves: &[Vec<[f64; 2]>],
     outlines: &[Vec<[f64; 2]>],
@@ -99,7 +99,7 @@ fn away_from_centre(curve: &[[f64; 2]], middle: [f64; 2], normal: [f64; 2], size
 }
 
 /// A polyline shortened by `length` at both ends, at most to half; a closed one is kept.
-pub(super) fn trimmed(mut curve: Vec<[f64; 2]>, length: f64) -> Vec<[f64; 2]> {
+pub(crate) fn trimmed(mut curve: Vec<[f64; 2]>, length: f64) -> Vec<[f64; 2]> {
     if curve.first() == curve.last() {
         return curve;
     }

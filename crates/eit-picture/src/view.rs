@@ -4,7 +4,7 @@ use eit_mesh::Surface;
 
 /// A parallel projection: axes to the right, upwards and towards the eye, of length one.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct View {
+pub struct View {
     right: [f64; 3],
     up: [f64; 3],
     eye: [f64; 3],

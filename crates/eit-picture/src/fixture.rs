@@ -4,10 +4,10 @@ use std::f64::consts::TAU;
 
 use ndarray::Array3;
 
-use super::{ElectrodeDrawing, Extent, SkinDrawing};
+use crate::{ElectrodeDrawing, Extent, SkinDrawing};
 
 /// Radius of [`disc`].
-pub(super) const RADIUS_M: f64 = 0.1;
+pub(crate) const RADIUS_M: f64 = 0.1;
 
 fn arc(from: f64, to: f64, points: usize) -> Vec<[f64; 2]> {
     (0..points)
@@ -17,7 +17,7 @@ fn arc(from: f64, to: f64, points: usize) -> Vec<[f64; 2]> {
 }
 
 /// A disc of 0.1 m whose electrodes cover half of the rim, the first on top.
-pub(super) fn disc(electrodes: usize) -> SkinDrawing {
+pub(crate) fn disc(electrodes: usize) -> SkinDrawing {
     let each = TAU / electrodes.max(1) as f64;
     let electrode = |k: usize| {
         let centre = TAU / 4.0 + k as f64 * each;
@@ -33,14 +33,14 @@ pub(super) fn disc(electrodes: usize) -> SkinDrawing {
 }
 
 /// A square patch electrode.
-pub(super) fn inner_box(number: usize, [x, y]: [f64; 2], half_side_m: f64) -> ElectrodeDrawing {
+pub(crate) fn inner_box(number: usize, [x, y]: [f64; 2], half_side_m: f64) -> ElectrodeDrawing {
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]];
     let rim_m = corners.map(|c| [x + c[0] * half_side_m, y + c[1] * half_side_m]).to_vec();
     ElectrodeDrawing { number, rim_m, drawn: true }
 }
 
 /// A bump of 2 microsiemens that walks around the disc once.
-pub(super) fn walk(frames: usize, pixels: usize) -> Array3<f64> {
+pub(crate) fn walk(frames: usize, pixels: usize) -> Array3<f64> {
     let centre = |k: usize| (k as f64 + 0.5) * 2.0 * RADIUS_M / pixels as f64 - RADIUS_M;
     Array3::from_shape_fn((frames, pixels, pixels), |(frame, row, column)| {
         let (x, y) = (centre(column), -centre(row));

@@ -1,6 +1,6 @@
 //! Curves over an axis: L-curves, convergence, error against run time.
 
-use super::{
+use crate::{
     PictureError,
     canvas::{Align, Canvas, INK, LINE, PALE, Rgb, WHITE, crisp, crisp_frame},
     page::{LABEL_EM, MARGIN, NOTE_EM, TITLE_EM, block_height, write_block},
@@ -18,7 +18,7 @@ const LINE_HEIGHT: f64 = 18.0;
 const PADDING: f64 = 0.04;
 /// Colours that colour-blind readers tell apart (M. Okabe, K. Ito, "Color Universal Design",
 /// 2008), without the yellow that is too pale for lines on paper.
-pub(super) const COLORS: [Rgb; 7] = [
+pub(crate) const COLORS: [Rgb; 7] = [
     [0, 114, 178],
     [213, 94, 0],
     [0, 158, 115],
@@ -30,7 +30,7 @@ pub(super) const COLORS: [Rgb; 7] = [
 
 /// One curve.
 #[derive(Clone, Debug)]
-pub(crate) struct Series {
+pub struct Series {
     /// What the legend calls it; empty: not in the legend.
     pub name: String,
     /// Points (x, y) in the order in which the line joins them; a point that is not finite, or
@@ -44,7 +44,7 @@ pub(crate) struct Series {
 
 /// Curves with their axes.
 #[derive(Clone, Debug)]
-pub(crate) struct Plot {
+pub struct Plot {
     /// Headline; may be empty.
     pub title: String,
     /// Small print below; may be empty.
@@ -67,7 +67,7 @@ pub(crate) struct Plot {
 ///
 /// # Errors
 /// [`PictureError::NoPoints`] when no point can be shown.
-pub(crate) fn draw_plot(plot: &Plot) -> Result<Canvas, PictureError> {
+pub fn draw_plot(plot: &Plot) -> Result<Canvas, PictureError> {
     let logs = [plot.x_log, plot.y_log];
     let usable = |p: &[f64; 2]| {
         p.iter().zip(logs).all(|(v, log)| v.abs() <= 1e300 && (!log || *v >= 1e-300))

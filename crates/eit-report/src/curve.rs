@@ -1,15 +1,14 @@
 //! The learning curve, as numbers and as a picture.
 
-use super::beside;
-use crate::error::CliError;
+use crate::error::ReportError;
 use crate::output::{OutFile, io};
-use crate::picture::{Plot, Series, draw_plot};
 use eit_denoise::{Epoch, Trainer};
+use eit_picture::{Plot, Series, draw_plot};
 use std::path::Path;
 
 /// Writes `csv` and `png` beside the weights.
-pub(super) fn write(trainer: &Trainer, weights: &Path) -> Result<(), CliError> {
-    OutFile::new(&beside(weights, "csv"))?.write(|w| {
+pub fn write(trainer: &Trainer, weights: &Path) -> Result<(), ReportError> {
+    OutFile::new(&weights.with_extension("csv"))?.write(|w| {
         writeln!(w, "epoch,train_error,held_out_error,rate").map_err(io)?;
         for Epoch { epoch, train_error, held_out_error, rate } in trainer.curve() {
             writeln!(w, "{epoch},{train_error:e},{held_out_error:e},{rate:e}").map_err(io)?;
@@ -44,5 +43,5 @@ pub(super) fn write(trainer: &Trainer, weights: &Path) -> Result<(), CliError> {
         zoom: 2,
     };
     let picture = draw_plot(&plot)?;
-    OutFile::new(&beside(weights, "png"))?.write(|w| Ok(picture.write_png(w)?))
+    OutFile::new(&weights.with_extension("png"))?.write(|w| Ok(picture.write_png(w)?))
 }

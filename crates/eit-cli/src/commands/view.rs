@@ -1,11 +1,10 @@
 //! The latest image and its touches, on a terminal or as a picture that is drawn again and again.
 
-use super::{Model, Sight};
-use crate::draw;
 use crate::error::CliError;
-use crate::output::OutFile;
-use crate::picture::{ColorMap, FrameLabels, PictureSettings, SkinDrawing, draw_sheet};
 use eit_inverse::touch::TouchState;
+use eit_picture::{ColorMap, FrameLabels, PictureSettings, SkinDrawing, draw_sheet};
+use eit_report::output::OutFile;
+use eit_skin::live::{Model, Sight};
 use ndarray::{Array3, ArrayView2};
 use std::collections::VecDeque;
 use std::fmt::Write as _;
@@ -71,8 +70,9 @@ impl Picture {
         if self.last.is_some_and(|last| last.elapsed() < PICTURE_EVERY) {
             return Ok(());
         }
-        let skin =
-            self.skin.get_or_insert_with(|| draw::skin(&model.setup.mesh, &sight.finder.raster));
+        let skin = self.skin.get_or_insert_with(|| {
+            eit_picture::SkinDrawing::from_raster(&model.setup.mesh, &sight.finder.raster)
+        });
         let marks = sight.touches.iter().filter(|touch| touch.valid);
         let settings = PictureSettings {
             title: model.scene.name.clone(),

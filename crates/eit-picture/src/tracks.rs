@@ -1,6 +1,6 @@
 //! Ways of touches over skins.
 
-use super::{
+use crate::{
     PictureError, SkinDrawing,
     canvas::{Align, Canvas, INK, Rgb, WHITE},
     page::{LABEL_EM, Page, PageSettings},
@@ -23,7 +23,7 @@ const TRUE: Rgb = [208; 3];
 
 /// One way.
 #[derive(Clone, Debug)]
-pub(crate) struct Track {
+pub struct Track {
     /// What the legend calls it; empty: not in the legend.
     pub name: String,
     /// Places in order, metres; one that is not finite interrupts the way.
@@ -34,7 +34,7 @@ pub(crate) struct Track {
 
 /// The ways over one skin.
 #[derive(Clone, Debug)]
-pub(crate) struct TracksPanel {
+pub struct TracksPanel {
     /// Below the skin.
     pub label: String,
     /// The truth first: what is later lies on top.
@@ -45,7 +45,7 @@ pub(crate) struct TracksPanel {
 ///
 /// # Errors
 /// A skin whose coordinates are not finite.
-pub(crate) fn draw_tracks(
+pub fn draw_tracks(
     panels: &[TracksPanel],
     skin: &SkinDrawing,
     (title, note): (&str, &str),
@@ -136,7 +136,7 @@ fn draw_legend(canvas: &mut Canvas, panel: &TracksPanel, [left, top]: [f64; 2], 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::picture::fixture::disc;
+    use crate::fixture::disc;
 
     fn panel(tracks: Vec<Track>) -> TracksPanel {
         TracksPanel { label: "one finger".into(), tracks }

@@ -5,7 +5,7 @@ use std::{collections::HashMap, io::Write};
 use gif::{DisposalMethod, Encoder, Frame, Repeat};
 use ndarray::ArrayView3;
 
-use super::{
+use crate::{
     PictureError, PictureSettings, SkinDrawing,
     canvas::{INK, LINE, PALE, Rgb, WHITE},
     sheet::{ImageSheet, SheetLayout},
@@ -23,7 +23,7 @@ const TABLE: usize = 256;
 
 /// Writes images [frame, row, column] as a GIF that loops forever, `rate_hz` frames a second.
 ///
-/// Scale, electrodes and texts are those of [`super::draw_sheet`], and stay the same throughout.
+/// Scale, electrodes and texts are those of [`crate::draw_sheet`], and stay the same throughout.
 /// Of more than 300 frames 300 are chosen evenly. GIF counts in hundredths of a second, and
 /// viewers ignore a delay below two of them, so faster rates play at 50 Hz. `progress` gets the
 /// number of frames written and of all. With [`PictureSettings::columns`] a frame shows so many
@@ -31,7 +31,7 @@ const TABLE: usize = 256;
 ///
 /// # Errors
 /// As for a sheet; a rate that is not positive; trouble with `out`.
-pub(crate) fn write_gif(
+pub fn write_gif(
     images: ArrayView3<'_, f64>,
     skin: &SkinDrawing,
     settings: &PictureSettings,
@@ -136,7 +136,7 @@ impl Palette {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::picture::{
+    use crate::{
         ColorMap,
         fixture::{disc, walk},
     };
@@ -236,7 +236,7 @@ mod tests {
     fn the_table_holds_the_scale_and_the_lines() {
         for map in [ColorMap::CoolWarm, ColorMap::Viridis] {
             let settings = PictureSettings { map, ..Default::default() };
-            let scale = crate::picture::scale::Scale::new([1.0].iter(), &settings).unwrap();
+            let scale = crate::scale::Scale::new([1.0].iter(), &settings).unwrap();
             let mut palette = Palette::new(scale.colors());
             assert_eq!(palette.table().len(), 3 * TABLE);
             let needed: Vec<Rgb> =

@@ -1,6 +1,6 @@
 //! From values to colours, and round numbers to write beside them.
 
-use super::{
+use crate::{
     PictureError, PictureSettings,
     canvas::{Align, Canvas, INK, LINE, Rgb, crisp, crisp_frame},
     colormap::ColorMap,
@@ -8,7 +8,7 @@ use super::{
 
 /// Steps of colour. Odd, so that zero has the neutral one; few enough to leave room for greys
 /// in the 256 colours of a GIF.
-pub(super) const LEVELS: usize = 201;
+pub(crate) const LEVELS: usize = 201;
 /// Values beyond this would overflow in differences; they count as infinite.
 const LARGEST: f64 = 1e300;
 /// A largest magnitude below this counts as zero: its ticks would underflow.
@@ -22,19 +22,19 @@ const BAR: [f64; 2] = [14.0, 4.0];
 
 /// The map from values to colours that all panels of a picture share.
 #[derive(Clone, Debug)]
-pub(super) struct Scale {
+pub(crate) struct Scale {
     low: f64,
     high: f64,
     colors: Vec<Rgb>,
     heading: String,
     ticks: Ticks,
     /// What a reader must know about values that the colours do not tell apart.
-    pub(super) remarks: Vec<String>,
+    pub(crate) remarks: Vec<String>,
 }
 
 impl Scale {
     /// A scale for these values; NaN counts as absent.
-    pub(super) fn new<'a>(
+    pub(crate) fn new<'a>(
         values: impl Iterator<Item = &'a f64> + Clone,
         settings: &PictureSettings,
     ) -> Result<Self, PictureError> {
@@ -83,18 +83,18 @@ impl Scale {
     }
 
     /// The value that stands for `value` in interpolation: infinities become the bar's ends.
-    pub(super) fn bounded(&self, value: f64) -> f64 {
+    pub(crate) fn bounded(&self, value: f64) -> f64 {
         if value.abs() > LARGEST { value.clamp(self.low, self.high) } else { value }
     }
 
     /// Colour of a value that is not NaN; beyond the ends the end's colour.
-    pub(super) fn color(&self, value: f64) -> Rgb {
+    pub(crate) fn color(&self, value: f64) -> Rgb {
         let level = self.position(value) * (LEVELS - 1) as f64;
         self.colors[(level.round() as usize).min(LEVELS - 1)]
     }
 
     /// All colours there are, from the lower end up.
-    pub(super) fn colors(&self) -> &[Rgb] {
+    pub(crate) fn colors(&self) -> &[Rgb] {
         &self.colors
     }
 
@@ -104,7 +104,7 @@ impl Scale {
     }
 
     /// Space that [`Scale::draw_bar`] takes to the right of its left border, in points.
-    pub(super) fn bar_width(&self, width_of: impl Fn(&str, f64) -> f64) -> f64 {
+    pub(crate) fn bar_width(&self, width_of: impl Fn(&str, f64) -> f64) -> f64 {
         let labels = self.ticks.labels.iter().map(|label| width_of(label, TICK_EM));
         let labels = BAR[0] + BAR[1] + 4.0 + labels.fold(0.0, f64::max);
         labels.max(width_of(&self.heading, TICK_EM).min(HEADING_WIDTH))
@@ -112,7 +112,7 @@ impl Scale {
 
     /// Draws the bar, its heading on top and its ticks on the right; the heading's middle is 18
     /// points above `top`.
-    pub(super) fn draw_bar(&self, canvas: &mut Canvas, [left, top]: [f64; 2], height: f64) {
+    pub(crate) fn draw_bar(&self, canvas: &mut Canvas, [left, top]: [f64; 2], height: f64) {
         let heading = canvas.font().shortened(&self.heading, TICK_EM, HEADING_WIDTH);
         canvas.text(&heading, TICK_EM, [left, top - 18.0], Align::Left, INK);
         let rows = (height * canvas.zoom() as f64) as usize;
@@ -150,20 +150,20 @@ fn widened([low, high]: [f64; 2], map: ColorMap) -> [f64; 2] {
 
 /// Round numbers along an axis.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Ticks {
+pub(crate) struct Ticks {
     /// Where they stand.
-    pub(super) values: Vec<f64>,
+    pub(crate) values: Vec<f64>,
     /// What is written: the value over ten to the exponent.
-    pub(super) labels: Vec<String>,
+    pub(crate) labels: Vec<String>,
     /// Power of ten, a multiple of three, that the labels leave out.
-    pub(super) exponent: i32,
+    pub(crate) exponent: i32,
     /// Power of ten of the step's digit.
     step_exponent: i32,
 }
 
 impl Ticks {
     /// At most `most` (at least 2) steps of 1, 2 or 5 times a power of ten between the ends.
-    pub(super) fn linear(low: f64, high: f64, most: usize) -> Self {
+    pub(crate) fn linear(low: f64, high: f64, most: usize) -> Self {
         let rough = (high - low) / most.max(2) as f64;
         let decade = rough.log10().floor();
         // 1e-9: a rough step of exactly one power must not become the next by rounding
@@ -181,7 +181,7 @@ impl Ticks {
     }
 
     /// The same ticks, written over ten to another exponent.
-    pub(super) fn labelled(mut self, exponent: i32) -> Self {
+    pub(crate) fn labelled(mut self, exponent: i32) -> Self {
         let decimals = (exponent - self.step_exponent).clamp(0, 12) as usize;
         let label = |value: &f64| signed(value / 10f64.powi(exponent), decimals);
         self.labels = self.values.iter().map(label).collect();
@@ -198,7 +198,7 @@ fn signed(value: f64, decimals: usize) -> String {
 }
 
 /// Ten to an integer power, as printed: 10⁻⁶.
-pub(super) fn power_of_ten(exponent: i32) -> String {
+pub(crate) fn power_of_ten(exponent: i32) -> String {
     const RAISED: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let mut text = String::from("10");
     for letter in exponent.to_string().chars() {

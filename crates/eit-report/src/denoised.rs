@@ -1,0 +1,87 @@
+//! `eit denoise`: images through a trained U-net.
+
+use crate::error::ReportError;
+use crate::output::{OutFolder, io, read_images, write_npy};
+use crate::settings::DenoiseSettings;
+use crate::{Answer, reconstruct};
+use eit_denoise::ThresholdRule;
+use eit_skin::Progress;
+use eit_skin::denoise::{Net, scores};
+use eit_skin::pipeline;
+use eit_skin::scene::Scene;
+use serde_json::json;
+
+/// Reads images and weights, checks both against the scene, denoises, draws, reports.
+pub fn run(args: &DenoiseSettings, progress: &mut Progress) -> Result<Answer, ReportError> {
+    let mut scene = Scene::load(&args.scene)?;
+    scene.refuse_movement("denoise")?;
+    let of_scene = scene.denoise.as_ref().map(|keys| match keys.weights.as_str() {
+        "default" => "default".to_owned(),
+        file => scene.resolve(file.as_ref()).display().to_string(),
+    });
+    let name = args.weights.clone().or(of_scene).ok_or_else(|| {
+        ReportError::input(
+            "no weights: give --weights default, a file of `eit train`, or [denoise]",
+        )
+    })?;
+    let raw = read_images(&args.images)?;
+    let (frames, rows, columns) = raw.dim();
+    if frames == 0 || rows != columns || rows == 0 {
+        return Err(ReportError::input(format!(
+            "{}: {frames} images of {rows} x {columns} pixels, but this program's are square, and \
+             there must be one",
+            args.images.display()
+        )));
+    }
+    let allowed = scene.denoise.as_ref().is_some_and(|keys| keys.any_skin);
+    let net = Net::load(&scene, &name, rows, args.any_skin || allowed)?;
+    let truth = args.truth.as_deref().map(read_images).transpose()?;
+    if let Some(truth) = truth.as_ref().filter(|truth| truth.dim() != raw.dim()) {
+        return Err(ReportError::input(format!(
+            "--truth has [frame, row, column] = {:?}, the images {:?}",
+            truth.shape(),
+            raw.shape()
+        )));
+    }
+    let mut out = OutFolder::new(&args.out)?;
+    // the images say how many pixels
+    scene.reconstruction.pixels = Some(rows);
+    let setup = pipeline::setup(&scene, None, None, progress)?;
+    let raster = pipeline::raster(&scene, &setup, progress)?;
+    let mut images = raw.clone();
+    let applied = net.apply(&mut images, &raster, None, progress);
+    applied.map_err(|e| e.within(&args.images.display().to_string()))?;
+    let compared = match &truth {
+        None => None,
+        Some(truth) => {
+            let mut rule = ThresholdRule::default().on(raster.mask().view())?;
+            Some(scores(raw.view(), images.view(), truth.view(), &mut rule)?)
+        }
+    };
+    out.write("images.npy", |w| write_npy(&images, w))?;
+    let skin = eit_picture::SkinDrawing::from_raster(&setup.mesh, &raster);
+    let rate_hz = scene.recording.frame_rate_hz;
+    let settings = reconstruct::picture_settings(&scene, "U-net".to_owned(), rate_hz);
+    reconstruct::write_pictures(&mut out, images.view(), &skin, &settings, rate_hz, progress)?;
+    let mut files = out.names();
+    files.push("report.json");
+    let json = json!({
+        "scene": scene.name,
+        "frames": frames,
+        "pixels": rows,
+        "denoise": net.json(),
+        "against_truth": compared.map(|s| s.json()),
+        "stages": progress.times(),
+        "out": args.out.display().to_string(),
+        "files": files,
+    });
+    out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
+    let mut lines = vec![
+        format!("{frames} images; {}", net.words()),
+        "not checked against measurements: `eit reconstruct` with [denoise] does that".to_owned(),
+    ];
+    lines.extend(compared.map(|s| s.words()));
+    lines.push(format!("written to {}: {}", out.path().display(), out.names().join(", ")));
+    out.commit(&["movie.gif"])?;
+    Ok(Answer { text: lines.join("\n"), json })
+}
