@@ -4,21 +4,21 @@ mod chain;
 mod check;
 mod live;
 
-pub use chain::{Chain, Chained};
+pub use chain::{Chain, Chained, Lengths};
 pub use check::{Check, Checked};
 pub use live::LiveNet;
 
 use crate::error::SkinError;
-use crate::pipeline::DEFAULT_PIXELS;
 use crate::progress::Progress;
-use crate::scene::{Scene, TouchSign};
+use crate::scene::{DenoiseSettings, TouchSign};
+use crate::skin::Skin;
 use eit_denoise::{Denoiser, ImageStack, Threshold, UnetShape, Weights};
 use eit_mesh::Raster;
 use ndarray::{Array3, ArrayView2, ArrayView3, Axis};
 use serde_json::{Value, json};
-use std::path::Path;
 
-/// Weights for a scene.
+/// Weights for a skin.
+#[derive(Debug)]
 pub struct Net {
     weights: Weights,
     source: String,
@@ -27,26 +27,47 @@ pub struct Net {
     sign: f64,
 }
 
-/// The net that `[denoise]` asks for; `None` without that section.
-pub fn of_scene(scene: &Scene) -> Result<Option<Net>, SkinError> {
-    let Some(keys) = &scene.denoise else { return Ok(None) };
-    let name = match keys.weights.as_str() {
-        "default" => "default".to_owned(),
-        file => scene.resolve(Path::new(file)).display().to_string(),
-    };
-    let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
-    Net::load(scene, &name, pixels, keys.any_skin).map(Some)
+/// What weights are checked against.
+#[derive(Debug, Clone, Copy)]
+pub struct NetTarget<'a> {
+    /// Checksum of shape, electrodes and protocol of the skin.
+    pub fingerprint: &'a str,
+    /// Pixels along the longer side of the images.
+    pub pixels: usize,
+    /// Which changes are touches.
+    pub sign: TouchSign,
+}
+
+impl Skin {
+    /// The net that the settings ask for; `None` where they ask for none.
+    ///
+    /// # Errors
+    ///
+    /// Weights that cannot be read, or of another skin or other pixels.
+    pub fn net(&self) -> Result<Option<Net>, SkinError> {
+        let Some(settings) = &self.settings.denoise else { return Ok(None) };
+        Net::load(settings, &self.net_target()).map(Some)
+    }
+
+    /// What weights for this skin are checked against.
+    pub fn net_target(&self) -> NetTarget<'_> {
+        NetTarget {
+            fingerprint: &self.fingerprint,
+            pixels: self.pixels(),
+            sign: self.settings.touch.sign,
+        }
+    }
 }
 
 impl Net {
     /// Reads weights, "default" or a file, and refuses those of another skin or other pixels.
-    pub fn load(
-        scene: &Scene,
-        name: &str,
-        pixels: usize,
-        any_skin: bool,
-    ) -> Result<Self, SkinError> {
-        let weights = match name {
+    ///
+    /// # Errors
+    ///
+    /// As [`Skin::net`].
+    pub fn load(settings: &DenoiseSettings, target: &NetTarget<'_>) -> Result<Self, SkinError> {
+        let DenoiseSettings { weights: name, any_skin } = settings;
+        let weights = match name.as_str() {
             "default" => Weights::paper_disc(),
             file => {
                 let bytes =
@@ -55,15 +76,15 @@ impl Net {
             }
         };
         let weights = weights.map_err(|e| SkinError::from(e).within(name))?;
-        let skin = scene.skin_fingerprint()?;
+        let NetTarget { fingerprint, pixels, sign } = *target;
         if !any_skin {
-            weights.check_skin(&skin, [pixels, pixels]).map_err(|e| {
+            weights.check_skin(fingerprint, [pixels, pixels]).map_err(|e| {
                 let how = "with --any-skin, or any_skin = true in [denoise]";
                 SkinError::input(format!("{name}: {e} {how}"))
             })?;
         }
-        let sign = if scene.touch.sign == TouchSign::Decrease { -1.0 } else { 1.0 };
-        Ok(Self { weights, source: name.to_owned(), skin, sign })
+        let sign = if sign == TouchSign::Decrease { -1.0 } else { 1.0 };
+        Ok(Self { weights, source: name.clone(), skin: fingerprint.to_owned(), sign })
     }
 
     /// Replaces images [frame, row, column] of a raster; with the measurements at hand, those that

@@ -4,9 +4,9 @@ mod arrange;
 
 use self::arrange::arranged;
 use crate::error::SkinError;
-use crate::pipeline;
 use crate::progress::Progress;
-use crate::scene::{DriverKind, Instrument, Scene};
+use crate::scene::{DriverKind, Instrument};
+use crate::skin::{Skin, rounding_warning};
 use eit_fem::{ForwardModel, Protocol};
 use eit_hw::codec::eits1::Information;
 use eit_hw::emulator::{BoardDevice, Device, Eits1Device, SciospecDevice};
@@ -58,15 +58,15 @@ pub struct Content<'a> {
 
 /// The device that the scene's driver talks to.
 pub fn device(
-    scene: &Scene,
+    skin: &Skin,
     instrument: &Instrument,
     content: &Content<'_>,
     progress: &mut Progress,
 ) -> Result<Box<dyn Device>, SkinError> {
     let wanted = quadruples(instrument);
     let played = match content.frames {
-        Some(file) => from_file(scene, instrument, &wanted, file)?,
-        None => from_model(scene, instrument, &wanted, content.seed, progress)?,
+        Some(file) => from_file(skin, instrument, &wanted, file)?,
+        None => from_model(skin, instrument, &wanted, content.seed, progress)?,
     };
     match &instrument.kind {
         DriverKind::Eits1 => Ok(eits1(instrument, content.serial, played)),
@@ -76,7 +76,7 @@ pub fn device(
             let unit = match board.unit {
                 Unit::Volt => 1.0,
                 Unit::Ohm => instrument.current_a,
-                Unit::Arbitrary => scene.recording.scale.unwrap_or(1.0),
+                Unit::Arbitrary => skin.settings.recording.scale,
             };
             Ok(text_board(board, instrument, unit, played))
         }
@@ -109,29 +109,23 @@ fn quadruples(instrument: &Instrument) -> Vec<Quadruple> {
 }
 
 fn from_model(
-    scene: &Scene,
+    skin: &Skin,
     instrument: &Instrument,
     wanted: &[Quadruple],
     seed: u64,
     progress: &mut Progress,
 ) -> Result<Played, SkinError> {
-    scene.refuse_reactive()?;
-    let mesh = progress.stage("mesh", || scene.mesh(None)?.build())?;
-    let electrodes = mesh.electrodes().len();
+    let electrodes = skin.mesh.electrodes().len();
     let protocol = Protocol::from_quadruples(electrodes, wanted, instrument.current_a)
-        .map_err(|e| mismatch(scene, instrument, &e.to_string()))?;
-    let impedance = scene.contact_impedance(electrodes)?;
-    let model = ForwardModel::with_elements(
-        &mesh,
-        &protocol,
-        &impedance,
-        scene.elements().unwrap_or_default(),
-    )?;
-    let background = vec![scene.skin.conductivity_s; model.elements()];
+        .map_err(|e| mismatch(skin, instrument, &e.to_string()))?;
+    let elements = skin.model.element_kind();
+    let model =
+        ForwardModel::with_elements(&skin.mesh, &protocol, &skin.contact_impedance, elements)?;
+    let background = vec![skin.conductivity_s; model.elements()];
     let voltages = progress.stage("voltages", || {
         let mut workspace = model.workspace()?;
         let mut solution = model.solve(&background, &mut workspace)?;
-        pipeline::certain(&solution.report())?;
+        rounding_warning(&solution.report())?;
         Ok::<_, SkinError>(solution.measurements())
     })?;
     let mut sizes: Vec<f64> = voltages.iter().map(|v| v.abs()).collect();
@@ -140,21 +134,21 @@ fn from_model(
     Ok(Played {
         real: voltages.insert_axis(ndarray::Axis(0)),
         imaginary: None,
-        noise: scene.noise.additive_v.unwrap_or(DEFAULT_NOISE * median),
+        noise: skin.settings.noise.additive_v.unwrap_or(DEFAULT_NOISE * median),
         random: Pcg64::new(u128::from(seed), 0x0a02_bdbf_7bb3_c0a7),
     })
 }
 
 /// Frames of a file in the scene's protocol, as voltages of the wanted measurements.
 fn from_file(
-    scene: &Scene,
+    skin: &Skin,
     instrument: &Instrument,
     wanted: &[Quadruple],
     file: &Path,
 ) -> Result<Played, SkinError> {
     let recording = eit_hw::read_recording(file, None, &eit_hw::ReadOptions::default())?;
     let (own, count) = (Some(&instrument.quadruples[..]), instrument.quadruples.len());
-    let scale = scene.recording.scale.unwrap_or(1.0);
+    let scale = skin.settings.recording.scale;
     let part = |component| {
         let mut frames = recording.frames_for(own, count, component)?;
         frames.to_volts(instrument.current_a);
@@ -162,7 +156,7 @@ fn from_file(
         // a value that was not measured cannot be sent
         frames.values.mapv_inplace(|value| if value.is_finite() { value } else { 0.0 });
         arranged(&instrument.quadruples, &frames.values, wanted)
-            .map_err(|why| mismatch(scene, instrument, &why))
+            .map_err(|why| mismatch(skin, instrument, &why))
     };
     let real = part(eit_hw::Component::Real)?;
     let imaginary = match recording.imaginary.is_some() {
@@ -172,11 +166,11 @@ fn from_file(
     Ok(Played { real, imaginary, noise: 0.0, random: Pcg64::new(0, 0) })
 }
 
-fn mismatch(scene: &Scene, instrument: &Instrument, why: &str) -> SkinError {
+fn mismatch(skin: &Skin, instrument: &Instrument, why: &str) -> SkinError {
     SkinError::input(format!(
         "the protocol of {} is not what the instrument \"{}\" measures: {why}; change [protocol] or \
          instrument.driver",
-        scene.place,
+        skin.place,
         instrument.driver_name()
     ))
 }

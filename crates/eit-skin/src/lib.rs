@@ -6,16 +6,31 @@ pub mod denoise;
 pub mod emulate;
 mod error;
 pub mod frames;
+mod linearised;
 pub mod live;
 pub mod method;
-pub mod pipeline;
+pub mod movement;
+pub mod noise;
+pub mod one_step;
+#[cfg(feature = "plan")]
 pub mod plan;
 mod progress;
+pub mod reactive;
 pub mod scene;
+pub mod sequence;
+mod skin;
 mod stop;
+mod synthetic_touch;
+pub mod total_variation;
+pub mod touches;
 #[cfg(feature = "learn")]
 pub mod train;
+pub mod words;
 
 pub use error::SkinError;
+pub use linearised::{FittedFrames, LinearisedSkin};
+pub use live::{LiveFrame, LiveModel, LiveObserver, LiveStream, Pushed, Sensor, TouchFrame};
 pub use progress::{Observer, Progress, Silent, StageTime, Steps};
+pub use scene::Scene;
+pub use skin::{DEFAULT_PIXELS, MeshOverride, Skin, SkinModel, check_images, rounding_warning};
 pub use stop::StopFlag;

@@ -1,7 +1,7 @@
 //! Which method reconstructs: the one that is asked for, or the one that the scene calls for.
 
 use crate::error::SkinError;
-use crate::scene::Scene;
+use crate::scene::StageSettings;
 
 /// A method of reconstruction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,24 +81,28 @@ pub struct MethodChoice {
 ///
 /// Noise that the scene does not state is no reason for a total variation, even if the reference
 /// frames show some: its weights follow from the noise, so the user should have looked at it.
+///
+/// # Errors
+///
+/// A name that is no method's.
 pub fn choose(
-    scene: &Scene,
+    settings: &StageSettings,
     flag: Option<&str>,
     frames: Option<usize>,
 ) -> Result<MethodChoice, SkinError> {
-    let keys = &scene.reconstruction;
+    let keys = &settings.reconstruction;
     let taken = |method, why| Ok(MethodChoice { method, why });
     if let Some(name) = flag {
         return taken(Method::parse("--method", name)?, "asked for");
     }
     if let Some(name) = &keys.method {
-        let why = match keys.chosen_in_time {
+        let why = match keys.is_chosen_in_time {
             true => "the least error within frame_time_s",
             false => "stated in the scene",
         };
         return taken(Method::parse("reconstruction.method", name)?, why);
     }
-    let noise = scene.noise.additive_v.is_some() || scene.noise.quiet_frames.is_some();
+    let noise = settings.noise.additive_v.is_some() || settings.noise.quiet_frames.is_some();
     let total_variation = keys.keys_of_tv().chain(keys.bounds()).next().is_some();
     if !total_variation && keys.keys_of_gauss_newton().next().is_some() {
         return taken(Method::GaussNewton, "the scene sets its keys");

@@ -1,115 +1,153 @@
-//! `eit plan`: what a scene needs, what is left out and why.
+//! What a skin needs, what is left out and why, and what it costs.
+//!
+//! Builds what sizes need (mesh and symbolic factorisation) and predicts the rest from measured rates
+//! ([`stages`]) and from the solvers' table ([`measured`]).
 
 mod electrodes;
 pub mod expected;
+mod images;
 pub mod left_out;
 pub mod machine;
 pub mod measured;
 mod method_words;
 mod net;
+mod rates;
 mod reactive;
 pub mod sequence;
+mod sizes;
+mod stage;
 pub mod stages;
 mod voltage_error;
 
+pub use reactive::of_reactive;
+pub use stage::Stage;
+
 use crate::error::SkinError;
 use crate::method::{self, MethodChoice};
-use crate::pipeline::{self, Setup};
-use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::progress::{Progress, StageTime};
+use crate::skin::Skin;
 use eit_fem::SolvePath;
 use expected::Expected;
+use left_out::LeftOut;
 use machine::Machine;
 use sequence::Sequence;
 use serde_json::{Value, json};
-use stages::Stage;
 use voltage_error::VoltageError;
 
-/// A plan, for people and for programs.
-pub struct Plan {
-    /// Lines of text.
+/// A plan in words and numbers.
+#[derive(Debug, Clone)]
+pub struct PlanText {
+    /// For people.
     pub text: String,
-    /// One object.
+    /// For programs: one object.
     pub json: Value,
 }
 
-/// Builds what sizes need (mesh and symbolic factorisation), predicts the rest.
-pub fn plan(
-    scene: Scene,
-    method: Option<&str>,
-    progress: &mut Progress,
-) -> Result<Plan, SkinError> {
-    if scene.is_reactive() {
-        return reactive::plan(&scene, method, progress);
-    }
-    method::choose(&scene, method, None)?;
-    let setup = pipeline::setup(&scene, None, None, progress)?;
-    // an instrument alone is watched as it measures
-    let scene_is_live = scene.instrument.is_some() && scene.recording.file.is_none();
-    let mut recording = sequence::read(&scene, &setup, progress);
-    let frames = recording.as_ref().map(|frames| frames.values.nrows());
-    let (voltages, path) = progress.stage("voltages", || untouched(&scene, &setup))?;
-    let scene = measured::in_time(scene, &setup, (frames, scene_is_live), &voltages)?;
-    let choice = method::choose(&scene, method, frames)?;
-    let sequence = Sequence::of(&scene, &setup, choice.method, recording.as_mut(), progress);
-    let machine = progress.stage("this machine", || Ok::<_, SkinError>(Machine::measure()))?;
-    let images = (choice.method, frames);
-    let expected = Expected::of(&scene, &setup, images, &voltages, &machine)?;
-    let planned = (choice.method, sequence);
-    let mut stages = stages::of(&scene, &setup, planned, (&machine, expected.row.as_ref()));
-    stages.extend(stages::linearisation(&setup, path, &machine));
-    let of_net = (setup.protocol.measurements(), stages::skin_share(&setup));
-    stages.extend(net::of(&scene, crate::denoise::of_scene(&scene)?.as_ref(), of_net));
-    let left_out = left_out::of(&scene, &setup, choice.method, sequence);
-    let words = method_words::of(&scene, choice.method, sequence);
-    let error =
-        progress.stage("error of the mesh", || VoltageError::of(&scene, &setup, &voltages))?;
-    let json = json!({
-        "scene": scene.name,
-        "method": choice.method.name(),
-        "method_because": choice.why,
-        "method_notes": words,
-        "mesh_notes": setup.notes,
-        "frames": frames,
-        "still": matches!(sequence, Sequence::Still(_)),
-        "stages": stages.iter().map(stage_json).collect::<Vec<_>>(),
-        "left_out": left_out.iter().map(|(what, why)| json!({"what": what, "why": why}))
-            .collect::<Vec<_>>(),
-        "expected_voltage_error": error.of_mesh,
-        "voltage_error": error.json(),
-        "expected_images": expected.json(),
-        "machine": machine,
-        "built": progress.times(),
-    });
-    let parts = (&stages[..], &left_out, &words[..]);
-    let text = text(&scene.name, &choice, parts, (&error, &expected, &machine));
-    Ok(Plan { text, json })
+/// What a skin needs, what is left out and why.
+#[derive(Debug)]
+pub struct Plan {
+    /// Name of the skin.
+    pub name: String,
+    /// The method and why it was taken.
+    pub choice: MethodChoice,
+    /// Frames that it is for; `None`: no recording that can be read.
+    pub frames: Option<usize>,
+    /// What the method does with them.
+    pub sequence: Sequence,
+    /// What is done, in the order of the work.
+    pub stages: Vec<Stage>,
+    /// What is not done.
+    pub left_out: Vec<LeftOut>,
+    /// How the method works on this skin.
+    words: Vec<String>,
+    error: VoltageError,
+    expected: Expected,
+    machine: Machine,
+    mesh_notes: Vec<String>,
+    built: Vec<StageTime>,
 }
 
-/// What a stage leaves out, and why.
-type LeftOut = Vec<(&'static str, String)>;
-
-fn text(
-    name: &str,
-    choice: &MethodChoice,
-    (stages, left_out, words): (&[Stage], &LeftOut, &[String]),
-    (error, expected, machine): (&VoltageError, &Expected, &Machine),
-) -> String {
-    let mut lines = vec![
-        format!("method {}: {}", choice.method.name(), choice.why),
-        format!("{name}: what is done"),
-    ];
-    lines.extend(stages.iter().flat_map(stage_lines));
-    lines.push(format!("times on this machine: {}", machine.words()));
-    lines.extend(error.words());
-    lines.extend(expected.words());
-    if !words.is_empty() {
-        lines.push("how the method works on this scene".to_owned());
-        lines.extend(words.iter().map(|line| format!("  {line}")));
+impl Plan {
+    /// Plans for a skin by a method, or by the one that its settings call for.
+    ///
+    /// # Errors
+    ///
+    /// An unknown method, a skin that cannot be solved, weights that cannot be read.
+    pub fn of(
+        mut skin: Skin,
+        method: Option<&str>,
+        progress: &mut Progress,
+    ) -> Result<Self, SkinError> {
+        method::choose(&skin.settings, method, None)?;
+        // an instrument alone is watched as it measures
+        let is_live = skin.instrument.is_some() && skin.settings.recording.files.is_none();
+        let recording = sequence::read(&skin, progress);
+        let frames = recording.as_ref().map(|frames| frames.values.nrows());
+        let (voltages, path) = progress.stage("voltages", || untouched(&skin))?;
+        skin.settings.reconstruction = measured::in_frame_time(&skin, frames, is_live, &voltages)?;
+        let choice = method::choose(&skin.settings, method, frames)?;
+        let sequence = Sequence::of(&skin, choice.method, recording, progress);
+        let machine = progress.stage("this machine", || Ok::<_, SkinError>(Machine::measure()))?;
+        let expected = Expected::of(&skin, choice.method, frames, &voltages, &machine)?;
+        let row = expected.row.as_ref();
+        let mut stages = stages::of(&skin, choice.method, sequence, &machine, row);
+        stages.extend(stages::linearisation(&skin, path, &machine));
+        stages.extend(net::of(&skin)?);
+        let error = progress.stage("error of the mesh", || VoltageError::of(&skin, &voltages))?;
+        Ok(Self {
+            name: skin.name.clone(),
+            left_out: left_out::of(&skin, choice.method, sequence),
+            words: method_words::of(&skin, choice.method, sequence),
+            choice,
+            frames,
+            sequence,
+            stages,
+            error,
+            expected,
+            machine,
+            mesh_notes: skin.notes.clone(),
+            built: progress.times().to_vec(),
+        })
     }
-    lines.push("left out".to_owned());
-    lines.extend(left_out.iter().map(|(what, why)| format!("  {what:<22} {why}")));
-    lines.join("\n")
+
+    /// For programs.
+    pub fn json(&self) -> Value {
+        json!({
+            "scene": self.name,
+            "method": self.choice.method.name(),
+            "method_because": self.choice.why,
+            "method_notes": self.words,
+            "mesh_notes": self.mesh_notes,
+            "frames": self.frames,
+            "still": matches!(self.sequence, Sequence::Still(_)),
+            "stages": self.stages.iter().map(stage_json).collect::<Vec<_>>(),
+            "left_out": self.left_out.iter().map(LeftOut::json).collect::<Vec<_>>(),
+            "expected_voltage_error": self.error.of_mesh,
+            "voltage_error": self.error.json(),
+            "expected_images": self.expected.json(),
+            "machine": self.machine,
+            "built": self.built,
+        })
+    }
+
+    /// For people.
+    pub fn text(&self) -> String {
+        let mut lines = vec![
+            format!("method {}: {}", self.choice.method.name(), self.choice.why),
+            format!("{}: what is done", self.name),
+        ];
+        lines.extend(self.stages.iter().flat_map(stage_lines));
+        lines.push(format!("times on this machine: {}", self.machine.words()));
+        lines.extend(self.error.words());
+        lines.extend(self.expected.words());
+        if !self.words.is_empty() {
+            lines.push("how the method works on this scene".to_owned());
+            lines.extend(self.words.iter().map(|line| format!("  {line}")));
+        }
+        lines.push("left out".to_owned());
+        lines.extend(self.left_out.iter().map(LeftOut::line));
+        lines.join("\n")
+    }
 }
 
 /// What is done, and why.
@@ -128,10 +166,10 @@ fn stage_lines(s: &Stage) -> [String; 2] {
 }
 
 /// Voltages of the untouched skin on this mesh, and the path of their solve.
-fn untouched(scene: &Scene, setup: &Setup) -> Result<(Vec<f64>, SolvePath), SkinError> {
-    let background = vec![scene.skin.conductivity_s; setup.model.elements()];
-    let mut workspace = setup.model.workspace()?;
-    let mut solution = setup.solve(&background, &mut workspace)?;
+fn untouched(skin: &Skin) -> Result<(Vec<f64>, SolvePath), SkinError> {
+    let background = skin.background_s();
+    let mut workspace = skin.model.workspace()?;
+    let mut solution = skin.solve(&background, &mut workspace)?;
     Ok((solution.measurements().to_vec(), solution.report().path))
 }
 

@@ -1,18 +1,18 @@
 //! A learning base out of simulated touches or recordings, then a U-net.
 
+mod held_out;
 mod motion;
 mod recorded;
+mod sequences;
 mod simulated;
-mod workshop;
-mod worth;
 
-pub use workshop::Workshop;
-pub use worth::{held_out_scores, misfit_limit};
+pub use held_out::{held_out_scores, misfit_limit};
+pub use sequences::Sequences;
 
 use crate::denoise::Scores;
 use crate::error::SkinError;
 use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::skin::Skin;
 use crate::stop::StopFlag;
 use eit_denoise::{
     BaseSettings, Engine, Examples, LearningBase, Shard, TrainSettings, TrainStatus, Trainer,
@@ -60,19 +60,18 @@ impl BaseRequest {
 /// The learning base in a folder, complete: sequences that are missing are made, on so many threads.
 pub fn base(
     request: &BaseRequest,
-    scene: &Scene,
-    workshop: &Workshop<'_>,
+    sequences: &Sequences,
     folder: &Path,
     threads: usize,
     stop: &StopFlag,
     progress: &mut Progress,
 ) -> Result<LearningBase, SkinError> {
     let settings = BaseSettings {
-        skin: scene.skin_fingerprint()?,
-        pixels: workshop.pixels(),
+        skin: sequences.skin().fingerprint.clone(),
+        pixels: sequences.pixels(),
         seed: request.seed,
         shards: request.sequences,
-        recipe: workshop.recipe(),
+        recipe: sequences.recipe(),
     };
     let mut base = LearningBase::create(folder, &settings)?;
     let missing = base.missing();
@@ -88,7 +87,7 @@ pub fn base(
                 // ends with the list, or when nobody listens any more
                 scope.spawn(move || {
                     while let Some(&index) = missing.get(next.fetch_add(1, Ordering::Relaxed)) {
-                        if sender.send((index, workshop.sequence(index))).is_err() {
+                        if sender.send((index, sequences.sequence(index))).is_err() {
                             break;
                         }
                     }
@@ -130,6 +129,7 @@ pub fn shards(base: &LearningBase) -> Result<(Vec<Shard>, Vec<Shard>), SkinError
 }
 
 /// How a net is trained.
+#[derive(Debug, Clone, Copy)]
 pub struct Training<'a> {
     pub settings: &'a TrainSettings,
     /// Checksum of the learning base.
@@ -145,14 +145,14 @@ pub struct Training<'a> {
 /// Trains from the start, or from the checkpoint.
 pub fn learn(
     training: &Training<'_>,
-    workshop: &Workshop<'_>,
+    sequences: &Sequences,
     shards: Vec<Shard>,
     held_out: &[Shard],
     progress: &mut Progress,
 ) -> Result<Trainer, SkinError> {
     let Training { settings, base, checkpoint, threads, engine, stop } = *training;
     let history = settings.shape.history;
-    let train = Examples::new(&shards, history)?.turned(&workshop.turns())?;
+    let train = Examples::new(&shards, history)?.turned(&sequences.turns())?;
     // hundreds of megabytes that are not looked at again
     drop(shards);
     let held_out = Examples::new(held_out, history)?;
@@ -187,22 +187,38 @@ pub fn learn(
     })
 }
 
+/// What a trained net is worth on sequences that it did not learn from.
+#[derive(Debug, Clone, Copy)]
+pub struct Worth {
+    /// Error beside that of the raw images.
+    pub scores: Scores,
+    /// Part of the data's energy that known images leave unexplained.
+    pub misfit_limit: Option<f64>,
+}
+
+/// Which program wrote a file of weights.
+#[derive(Debug, Clone, Copy)]
+pub struct MadeBy<'a> {
+    /// Name and version.
+    pub program: &'a str,
+    /// Commit that it was built from.
+    pub commit: &'a str,
+}
+
 /// The trained weights with what their file says of them; `program` and `commit` made them.
 pub fn weights(
-    scene: &Scene,
+    skin: &Skin,
     base: &LearningBase,
-    checksum: &str,
     trainer: &Trainer,
-    scores: &Scores,
-    limit: Option<f64>,
-    program: &str,
-    commit: &str,
+    worth: &Worth,
+    made_by: &MadeBy<'_>,
 ) -> Result<Weights, SkinError> {
+    let Worth { scores, misfit_limit: limit } = worth;
     let settings = trainer.settings();
     let best = trainer.best();
     let entries = [
-        ("scene", scene.name.clone()),
-        ("base", checksum.to_owned()),
+        ("scene", skin.name.clone()),
+        ("base", base.checksum()?),
         ("recipe", base.settings().recipe.clone()),
         ("sequences", base.settings().shards.to_string()),
         ("examples", base.frames().to_string()),
@@ -214,12 +230,12 @@ pub fn weights(
         ("held_out_error", best.map_or(String::new(), |e| e.held_out_error.to_string())),
         ("held_out_net_over_raw", scores.net_over_raw.to_string()),
         ("held_out_rule_over_raw", scores.rule_over_raw.to_string()),
-        ("program", program.to_owned()),
-        ("commit", commit.to_owned()),
+        ("program", made_by.program.to_owned()),
+        ("commit", made_by.commit.to_owned()),
     ];
     let limit = limit.map(|limit| ("misfit_limit", limit.to_string()));
     let about: BTreeMap<String, String> =
         entries.into_iter().chain(limit).map(|(key, value)| (key.to_owned(), value)).collect();
-    let bare = trainer.weights(&scene.skin_fingerprint()?, base.settings().pixels, BTreeMap::new());
+    let bare = trainer.weights(&skin.fingerprint, base.settings().pixels, BTreeMap::new());
     Ok(Weights { about, ..bare })
 }

@@ -8,7 +8,7 @@ use eit_inverse::{Calibration, CalibrationSettings, CalibrationStatus, Contacts}
 use eit_skin::Progress;
 use eit_skin::frames::{self, Frames};
 use eit_skin::pipeline;
-use eit_skin::scene::{ElementKeys, Reference, Scene};
+use eit_skin::scene::{ElementKind, Reference, Scene};
 use serde_json::{Value, json};
 
 /// Reads the frame of the untouched skin, fits, says what to write into the scene.
@@ -17,7 +17,7 @@ pub(crate) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
     scene.reconstruction.use_driven_electrodes |= args.use_driven_electrodes;
     if scene.mesh.required_accuracy.is_some() {
         // derivatives with respect to contacts are those of linear elements
-        scene.mesh.elements.get_or_insert(ElementKeys::Linear);
+        scene.mesh.elements.get_or_insert(ElementKind::Linear);
     }
     let mut progress = progress::terminal();
     let setup = pipeline::setup(&scene, None, None, &mut progress)?;

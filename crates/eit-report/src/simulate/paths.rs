@@ -15,7 +15,7 @@
 
 use super::MovieSettings;
 use crate::error::ReportError;
-use eit_skin::scene::{Scene, SceneMesh};
+use eit_skin::scene::{Scene, MeshSource};
 use rand_distr::{Distribution as _, StandardUniform};
 use rand_pcg::Pcg64Mcg;
 use std::f64::consts::{PI, TAU};
@@ -107,7 +107,7 @@ fn territory_m(touches: usize, reach_m: f64, sigma_m: f64) -> f64 {
 /// Centroid of the skin and its distance to the nearest rim, metres. From the outline alone, so
 /// that no mesh moves the fingers.
 fn free_circle(scene: &Scene) -> Result<([f64; 2], f64), ReportError> {
-    let SceneMesh::Generated { shape, .. } = scene.mesh(None)? else {
+    let MeshSource::Generated { shape, .. } = scene.mesh(None)? else {
         return Err(ReportError::input(
             "a touch movie needs a flat skin with an outline: disc, rectangle or polygon, not a mesh \
              file",

@@ -1,96 +1,107 @@
-//! Images of simulated frames as `eit reconstruct` makes them of a recording.
+//! Images of simulated frames as a reconstruction makes them of a recording.
 
 use crate::error::SkinError;
-use crate::frames::{self, Frames};
+use crate::frames::Frames;
+use crate::linearised::{FittedFrames, LinearisedSkin};
 use crate::method::{self, Method};
-use crate::pipeline::{self, Linearised, Setup, movement};
 use crate::progress::Progress;
-use crate::scene::{Noise, Pair, Recording, Reference, Scene};
-use eit_mesh::Raster;
+use crate::scene::{FrameSettings, NoiseSettings, Pair, Reference};
+use crate::skin::Skin;
 use ndarray::{Array2, Array3};
+use std::sync::Arc;
 
-/// What turns frames of a scene into images.
+/// What turns frames of a skin into images.
+#[derive(Debug)]
 pub struct Chain {
-    /// For a simulated sequence with its quiet frames.
-    pub scene: Scene,
+    /// How.
     pub method: Method,
-    pub setup: Setup,
-    pub linearised: Linearised,
-    pub raster: Raster,
+    /// The skin; for a simulated sequence with its quiet frames.
+    pub linearised: Arc<LinearisedSkin>,
+}
+
+/// Frames of a simulated sequence, and how many of the first are quiet: reference and noise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Lengths {
+    /// All of them.
+    pub frames: usize,
+    /// The first ones, during which nothing touches the skin.
+    pub quiet: usize,
 }
 
 /// A sequence through the chain.
+#[derive(Debug)]
 pub struct Chained {
     /// [frame, row, column], siemens.
     pub images: Array3<f64>,
-    pub frames: Frames,
-    /// Factor from the model's voltages to the reference's.
-    pub gain: f64,
+    /// The frames behind them.
+    pub fitted: FittedFrames,
 }
 
 impl Chain {
-    /// With lengths: for simulated sequences of so many frames, of which the first so many are
-    /// reference and noise. Without: for recordings as the scene describes them.
+    /// With lengths: for simulated sequences. Without: for recordings as the skin's settings describe
+    /// them.
+    ///
+    /// # Errors
+    ///
+    /// A method that a net does not learn from, or a skin that cannot be linearised.
     pub fn new(
-        scene: &Scene,
+        mut skin: Skin,
         method: Option<&str>,
-        lengths: Option<(usize, usize)>,
+        lengths: Option<Lengths>,
         progress: &mut Progress,
     ) -> Result<Self, SkinError> {
-        let scene = match lengths {
-            None => scene.clone(),
-            Some((_, quiet)) => Scene {
-                recording: Recording {
-                    reference: Some(Reference::Text(format!("0..{quiet}"))),
-                    ..Default::default()
-                },
-                noise: Noise { quiet_frames: Some(Pair([0, quiet - 1])), ..Default::default() },
-                ..scene.clone()
-            },
-        };
-        let method = method::choose(&scene, method, lengths.map(|(count, _)| count))?.method;
+        if let Some(Lengths { quiet, .. }) = lengths {
+            skin.settings.recording = FrameSettings {
+                reference: Some(Reference::Text(format!("0..{quiet}"))),
+                scale: 1.0,
+                ..Default::default()
+            };
+            skin.settings.noise =
+                NoiseSettings { quiet_frames: Some(Pair([0, quiet - 1])), additive_v: None };
+        }
+        let method = method::choose(&skin.settings, method, lengths.map(|l| l.frames))?.method;
         if !(method.is_tv() || method == Method::GaussNewton) {
             return Err(SkinError::input(format!(
                 "--method {}: a net learns from st-tv, tv or gauss-newton",
                 method.name()
             )));
         }
-        let setup = pipeline::setup(&scene, None, None, progress)?;
-        let raster = pipeline::raster(&scene, &setup, progress)?;
-        let linearised = pipeline::linearise(&scene, &setup, progress)?;
-        Ok(Self { scene, method, setup, linearised, raster })
+        let linearised = skin.linearise(progress)?;
+        linearised.raster(progress)?;
+        Ok(Self { method, linearised: Arc::new(linearised) })
     }
 
     /// Images of frames [frame, measurement].
+    ///
+    /// # Errors
+    ///
+    /// Those of the frames and of the method.
     pub fn reconstruct(&self, values: &Array2<f64>) -> Result<Chained, SkinError> {
-        self.reconstruct_frames(frames::of_values(&self.scene, &self.setup.protocol, values)?)
+        self.reconstruct_frames(self.linearised.skin.frames_of_values(values)?)
     }
 
     /// Images of frames that were loaded.
-    pub fn reconstruct_frames(&self, mut frames: Frames) -> Result<Chained, SkinError> {
-        let (scene, setup, linearised) = (&self.scene, &self.setup, &self.linearised);
-        let kind = scene.difference_kind(&setup.protocol);
-        let voltages = linearised.voltages.to_vec();
-        let gain = frames.fit_model(&voltages, kind, scene.skin.conductivity_s)?.gain;
+    ///
+    /// # Errors
+    ///
+    /// Those of the method.
+    pub fn reconstruct_frames(&self, frames: Frames) -> Result<Chained, SkinError> {
+        let fitted = self.linearised.fit(frames)?;
         let mut silent = Progress::silent();
-        let (models, given) = ((setup, linearised), (&frames, gain));
-        let freed = movement::free(scene, self.method, models, given, &mut silent)?;
-        let (scene, linearised, left) = match &freed {
-            None => (scene, linearised, &frames),
-            Some(freed) => (&freed.scene, &freed.linearised, &freed.frames),
-        };
+        let freed = fitted.without_movement(self.method, &mut silent)?;
+        let left = freed.as_ref().map_or(&fitted, |freed| &freed.fitted);
         let images = if self.method == Method::GaussNewton {
-            let of_left = freed.as_ref().map(|freed| freed.imaging(setup, &mut silent));
+            let of_left = freed.as_ref().map(|freed| freed.one_step(&mut silent));
             let imaging = match of_left.transpose()?.flatten() {
                 Some(imaging) => imaging,
-                None => pipeline::imaging(scene, setup, linearised, left, &mut silent)?,
+                None => left.one_step(&mut silent)?,
             };
-            imaging.images(left, &mut silent)?.into_parts().0
+            imaging.images(&left.frames, &mut silent)?.into_parts().0
         } else {
-            let (parts, movie) = ((setup, linearised, &self.raster), (left, gain));
-            let made = pipeline::tv::reconstruct(scene, self.method, parts, movie, &mut silent)?;
-            self.raster.images_from_pixels(made.pixels.view())?
+            let made = left.total_variation(self.method, &mut silent)?;
+            let raster = self.linearised.raster(&mut silent)?;
+            raster.images_from_pixels(made.pixels.view())?
         };
-        Ok(Chained { images, frames, gain })
+        Ok(Chained { images, fitted })
     }
 }

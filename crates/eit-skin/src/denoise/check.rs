@@ -1,16 +1,15 @@
 //! Whether a net's images explain the measurements they came from.
 
 use crate::error::SkinError;
-use crate::frames::Frames;
-use crate::pipeline::noise::DataNoise;
-use crate::pipeline::{self, Linearised, Setup};
-use crate::scene::Scene;
+use crate::linearised::FittedFrames;
+use crate::noise::DataNoise;
+use crate::progress::Progress;
 use eit_denoise::{Evidence, Misfit};
-use eit_mesh::Raster;
-use ndarray::{Array2, ArrayView1, ArrayView2};
+use ndarray::{Array2, ArrayView2};
 use serde_json::{Value, json};
 
 /// The measurements behind a sequence of images.
+#[derive(Debug)]
 pub struct Check {
     evidence: Evidence,
     /// NaN where a value is missing.
@@ -18,21 +17,13 @@ pub struct Check {
 }
 
 impl Check {
-    /// `gain` is the factor from the model's voltages to the reference's.
-    pub fn new(
-        scene: &Scene,
-        (setup, linearised, raster): (&Setup, &Linearised, &Raster),
-        (frames, gain): (&Frames, f64),
-    ) -> Result<Self, SkinError> {
-        let evidence = evidence(scene, (setup, linearised, raster), (frames, gain))?;
-        let mut differences = frames.differences(scene.difference_kind(&setup.protocol));
-        let good = &frames.good & &ArrayView1::from(&frames.used);
-        differences.zip_mut_with(&good, |value, good| {
-            if !good {
-                *value = f64::NAN;
-            }
-        });
-        Ok(Self { evidence, differences })
+    /// The measurements of these frames, and the model that images are held against.
+    ///
+    /// # Errors
+    ///
+    /// Those of the noise.
+    pub fn new(fitted: &FittedFrames) -> Result<Self, SkinError> {
+        Ok(Self { evidence: evidence(fitted)?, differences: fitted.differences_or_nan() })
     }
 
     /// What an image of a frame explains.
@@ -47,27 +38,21 @@ impl Check {
 }
 
 /// The model that images are held against, with the noise of these frames.
-pub fn evidence(
-    scene: &Scene,
-    (setup, linearised, raster): (&Setup, &Linearised, &Raster),
-    (frames, gain): (&Frames, f64),
-) -> Result<Evidence, SkinError> {
-    let kind = scene.difference_kind(&setup.protocol);
-    let data = pipeline::difference_data(kind, linearised);
-    let noise = match pipeline::noise::known(scene, frames, (&data, gain))? {
+pub(super) fn evidence(fitted: &FittedFrames) -> Result<Evidence, SkinError> {
+    let FittedFrames { skin, frames, .. } = fitted;
+    let noise = match fitted.noise()? {
         Some(noise) => noise,
-        None => {
-            let good = &frames.good & &ArrayView1::from(&frames.used);
-            DataNoise::unknown(&frames.differences(kind), &good)
-        }
+        None => DataNoise::unknown(&fitted.differences(), &fitted.good()),
     };
     let used = noise.std.iter().zip(&frames.used);
     let std: Vec<f64> = used.map(|(std, used)| if *used { *std } else { f64::INFINITY }).collect();
-    let jacobian = pipeline::tv::pixel_jacobian(linearised, raster, kind, &frames.used)?;
+    let raster = skin.raster(&mut Progress::silent())?;
+    let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
     Ok(Evidence::new(jacobian.view(), &std, raster.mask().view())?)
 }
 
 /// Frames whose denoised image was put aside.
+#[derive(Debug, Clone)]
 pub struct Checked {
     /// Part of the data's energy that known images leave.
     pub limit: f64,

@@ -2,14 +2,14 @@
 
 use super::{Net, check};
 use crate::error::SkinError;
-use crate::frames::Frames;
-use crate::pipeline::{Linearised, Setup};
-use crate::scene::Scene;
+use crate::linearised::FittedFrames;
+use crate::progress::Progress;
 use eit_denoise::{DenoiseError, Denoiser, Evidence};
 use eit_mesh::Raster;
 use ndarray::Array2;
 
 /// The same images and the same verdicts as [`Net::apply`] for a recording.
+#[derive(Debug)]
 pub struct LiveNet {
     net: Denoiser,
     sign: f64,
@@ -20,20 +20,16 @@ pub struct LiveNet {
 }
 
 impl LiveNet {
-    /// For images of this raster; frames and gain as for [`super::Check::new`].
-    pub fn new(
-        net: &Net,
-        scene: &Scene,
-        (setup, linearised, raster): (&Setup, &Linearised, &Raster),
-        (frames, gain): (&Frames, f64),
-    ) -> Result<Self, SkinError> {
-        let mask = raster.mask().view();
+    /// For images of frames like these.
+    ///
+    /// # Errors
+    ///
+    /// Those of the noise and of the weights.
+    pub fn new(net: &Net, fitted: &FittedFrames) -> Result<Self, SkinError> {
+        let mask = fitted.skin.raster(&mut Progress::silent())?.mask().view();
         let evidence = match net.weights.misfit_limit() {
             None => None,
-            Some(limit) => {
-                let models = (setup, linearised, raster);
-                Some((check::evidence(scene, models, (frames, gain))?, limit))
-            }
+            Some(limit) => Some((check::evidence(fitted)?, limit)),
         };
         Ok(Self {
             net: Denoiser::new(&net.weights, mask)?,

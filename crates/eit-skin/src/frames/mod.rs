@@ -9,7 +9,8 @@ pub use fit::ModelFit;
 pub use quiet::QuietFrames;
 
 use crate::error::SkinError;
-use crate::scene::{Component, DifferenceKind, FramesAre, OneOrManyFiles, Reference, Scene};
+use crate::scene::{Component, DifferenceKind, FrameSettings, FramesAre, Reference};
+use crate::skin::Skin;
 use eit_fem::Protocol;
 use eit_hw::{FrameOrientation, Layout, MeasuredFrames, Quality, ReadOptions, Recording};
 use ndarray::{Array2, Axis, concatenate};
@@ -73,77 +74,93 @@ struct Loaded {
     notes: Vec<String>,
 }
 
-/// Reads the frames of a scene: `files` and `reference` of the command line come first.
-pub fn load(
-    scene: &Scene,
-    protocol: &Protocol,
-    files: &[PathBuf],
-    reference: Option<&Reference>,
-) -> Result<Frames, SkinError> {
-    let loaded = read(scene, protocol, &files_of(scene, files)?)?;
-    let taken = reference::take(scene, protocol, &loaded, reference)?;
-    assemble(scene, protocol, loaded, taken)
-}
+impl Skin {
+    /// Reads the frames of the settings; `files` and `reference` of the caller come first.
+    ///
+    /// # Errors
+    ///
+    /// Files that cannot be read, a wrong count or order of measurements, no reference.
+    pub fn read_frames(
+        &self,
+        files: &[PathBuf],
+        reference: Option<&Reference>,
+    ) -> Result<Frames, SkinError> {
+        let loaded = read(self, &self.files(files)?)?;
+        let taken = reference::take(self, &loaded, reference)?;
+        assemble(self, loaded, taken)
+    }
 
-/// Values [frame, measurement], volt, in protocol order as if a scene's recording held them.
-pub fn of_values(
-    scene: &Scene,
-    protocol: &Protocol,
-    values: &Array2<f64>,
-) -> Result<Frames, SkinError> {
-    let quality = values.mapv(|value| match value.is_finite() {
-        true => Quality::GOOD,
-        false => Quality::NON_FINITE,
-    });
-    let frames = MeasuredFrames {
-        values: values.clone(),
-        quality,
-        unit: eit_hw::Unit::Arbitrary,
-        device_time_s: None,
-        frequency_hz: None,
-        current_a: None,
-        phase_rad: None,
-    };
-    let loaded =
-        Loaded { frames, marked_reference: None, ordered_by_file: false, notes: Vec::new() };
-    let taken = reference::take(scene, protocol, &loaded, None)?;
-    assemble(scene, protocol, loaded, taken)
-}
+    /// Values [frame, measurement], volt, in protocol order as if the recording held them.
+    ///
+    /// # Errors
+    ///
+    /// No reference, or one beyond the values.
+    pub fn frames_of_values(&self, values: &Array2<f64>) -> Result<Frames, SkinError> {
+        let quality = values.mapv(|value| match value.is_finite() {
+            true => Quality::GOOD,
+            false => Quality::NON_FINITE,
+        });
+        let frames = MeasuredFrames {
+            values: values.clone(),
+            quality,
+            unit: eit_hw::Unit::Arbitrary,
+            device_time_s: None,
+            frequency_hz: None,
+            current_a: None,
+            phase_rad: None,
+        };
+        let loaded =
+            Loaded { frames, marked_reference: None, ordered_by_file: false, notes: Vec::new() };
+        let taken = reference::take(self, &loaded, None)?;
+        assemble(self, loaded, taken)
+    }
 
-/// Frames of an instrument during which nothing touched the skin: their mean is the reference.
-pub fn of_quiet(
-    scene: &Scene,
-    protocol: &Protocol,
-    mut frames: MeasuredFrames,
-) -> Result<Frames, SkinError> {
-    frames.to_volts(drive_current_a(protocol));
-    frames.values *= scene.recording.scale.unwrap_or(1.0);
-    let taken = reference::of_quiet(&frames);
-    let (marked_reference, ordered_by_file, notes) = (None, false, Vec::new());
-    assemble(scene, protocol, Loaded { frames, marked_reference, ordered_by_file, notes }, taken)
-}
+    /// Frames of an instrument during which nothing touched the skin: their mean is the reference.
+    ///
+    /// # Errors
+    ///
+    /// No usable measurement, or data in another order than the protocol's.
+    pub fn frames_of_quiet(&self, mut frames: MeasuredFrames) -> Result<Frames, SkinError> {
+        frames.to_volts(drive_current_a(&self.protocol));
+        frames.values *= self.settings.recording.scale;
+        let taken = reference::of_quiet(&frames);
+        let (marked_reference, ordered_by_file, notes) = (None, false, Vec::new());
+        assemble(self, Loaded { frames, marked_reference, ordered_by_file, notes }, taken)
+    }
 
-/// What a value of a live instrument is multiplied by to be as those of [`of_quiet`].
-pub fn live_factor(scene: &Scene, protocol: &Protocol, unit: eit_hw::Unit) -> f64 {
-    let volts = match unit {
-        eit_hw::Unit::Ohm => drive_current_a(protocol),
-        eit_hw::Unit::Volt | eit_hw::Unit::Arbitrary => 1.0,
-    };
-    volts * scene.recording.scale.unwrap_or(1.0)
+    /// What a value of a live instrument is multiplied by to be as those of
+    /// [`Skin::frames_of_quiet`].
+    pub fn live_factor(&self, unit: eit_hw::Unit) -> f64 {
+        let volts = match unit {
+            eit_hw::Unit::Ohm => drive_current_a(&self.protocol),
+            eit_hw::Unit::Volt | eit_hw::Unit::Arbitrary => 1.0,
+        };
+        volts * self.settings.recording.scale
+    }
+
+    /// The files of the caller, else those of the settings.
+    fn files(&self, given: &[PathBuf]) -> Result<Vec<PathBuf>, SkinError> {
+        match (given, &self.settings.recording.files) {
+            ([], Some(files)) if files.is_empty() => {
+                Err(SkinError::input("recording.file is an empty list").within(&self.place))
+            }
+            ([], Some(files)) => Ok(files.clone()),
+            ([], None) => {
+                let message = "no frames: give --frames F, or [recording] file in the scene";
+                Err(SkinError::input(message))
+            }
+            (given, _) => Ok(given.to_vec()),
+        }
+    }
 }
 
 /// What is used, and why the rest is not.
-fn assemble(
-    scene: &Scene,
-    protocol: &Protocol,
-    loaded: Loaded,
-    taken: reference::Taken,
-) -> Result<Frames, SkinError> {
+fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Frames, SkinError> {
     let mut notes = loaded.notes.clone();
     let count = loaded.frames.values.nrows();
     let mean = loaded.frames.mean_frame();
-    let reciprocity_error = order::check(scene, protocol, &loaded, &mean, &mut notes)?;
-    let reasons = reasons_to_leave_out(scene, protocol, &loaded, &taken);
+    let reciprocity_error = order::check(skin, &loaded, &mean, &mut notes)?;
+    let reasons = reasons_to_leave_out(skin, &loaded, &taken);
     let used: Vec<bool> = reasons.iter().map(Option::is_none).collect();
     for why in [DRIVEN, ZERO, BAD_REFERENCE, MOSTLY_BAD] {
         let count = reasons.iter().flatten().filter(|reason| **reason == why).count();
@@ -151,17 +168,20 @@ fn assemble(
             notes.push(format!("{count} measurements left out: {why}"));
         }
     }
-    let quiet = quiet::find(scene, &loaded.frames, &taken, &used, &mut notes)?;
+    let quiet = quiet::find(skin, &loaded.frames, &taken, &used, &mut notes)?;
     if !used.contains(&true) {
         return Err(SkinError::input(format!("no measurement is usable: {}", notes.join("; "))));
     }
-    let first = scene.recording.first_frame.unwrap_or(0);
+    let first = skin.settings.recording.first_frame;
     if first >= count {
         let message = format!("recording.first_frame is {first}, but there are {count} frames");
         return Err(SkinError::input(message));
     }
-    let rate_hz =
-        scene.recording.frame_rate_hz.or_else(|| rate(loaded.frames.device_time_s.as_deref()));
+    let rate_hz = skin
+        .settings
+        .recording
+        .frame_rate_hz
+        .or_else(|| rate(loaded.frames.device_time_s.as_deref()));
     let good = loaded.frames.quality.mapv(|q| q.is_good());
     let from_first = |array: &Array2<f64>| array.slice_axis(Axis(0), (first..).into()).to_owned();
     Ok(Frames {
@@ -178,24 +198,6 @@ fn assemble(
     })
 }
 
-/// The files of the command line, else the scene's.
-fn files_of(scene: &Scene, given: &[PathBuf]) -> Result<Vec<PathBuf>, SkinError> {
-    match (given, &scene.recording.file) {
-        ([], Some(OneOrManyFiles::One(file))) => Ok(vec![scene.resolve(file)]),
-        ([], Some(OneOrManyFiles::Many(files))) if files.is_empty() => {
-            Err(SkinError::input("recording.file is an empty list").within(&scene.place))
-        }
-        ([], Some(OneOrManyFiles::Many(files))) => {
-            Ok(files.iter().map(|f| scene.resolve(f)).collect())
-        }
-        ([], None) => {
-            let message = "no frames: give --frames F, or [recording] file in the scene";
-            Err(SkinError::input(message))
-        }
-        (given, _) => Ok(given.to_vec()),
-    }
-}
-
 const DRIVEN: &str = "on current-carrying electrodes";
 const ZERO: &str = "zero, or almost, in the reference frame";
 /// What counts as almost zero, relative to the largest value of the reference frame: changes
@@ -207,21 +209,21 @@ const MOSTLY_BAD: &str = "flagged bad in more than half of the frames";
 /// Why each measurement is left out of all frames; `None`: it is used. One that is bad in some
 /// frames only is left out of those frames.
 fn reasons_to_leave_out(
-    scene: &Scene,
-    protocol: &Protocol,
+    skin: &Skin,
     loaded: &Loaded,
     taken: &reference::Taken,
 ) -> Vec<Option<&'static str>> {
     let (reference, reference_good) = (&taken.values, &taken.good);
-    let driven = on_driven_electrodes(protocol);
-    let normalised = scene.difference_kind(protocol) == DifferenceKind::Normalised;
+    let driven = on_driven_electrodes(&skin.protocol);
+    let use_driven = skin.settings.reconstruction.use_driven_electrodes;
+    let normalised = skin.difference_kind() == DifferenceKind::Normalised;
     let finite = reference.iter().filter(|v| v.is_finite());
     let largest = finite.fold(0.0_f64, |m, v| m.max(v.abs()));
     let frames = loaded.frames.quality.nrows();
     let bad = |i: usize| loaded.frames.quality.column(i).iter().filter(|q| !q.is_good()).count();
-    (0..protocol.measurements())
+    (0..skin.protocol.measurements())
         .map(|i| match i {
-            _ if driven[i] && !scene.reconstruction.use_driven_electrodes => Some(DRIVEN),
+            _ if driven[i] && !use_driven => Some(DRIVEN),
             _ if !reference_good[i] || !reference[i].is_finite() => Some(BAD_REFERENCE),
             _ if 2 * bad(i) > frames => Some(MOSTLY_BAD),
             _ if normalised && reference[i].abs() <= ALMOST_ZERO * largest => Some(ZERO),
@@ -230,8 +232,9 @@ fn reasons_to_leave_out(
         .collect()
 }
 
-fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded, SkinError> {
-    let keys = &scene.recording;
+fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> {
+    let keys: &FrameSettings = &skin.settings.recording;
+    let protocol = &skin.protocol;
     let orientation = |frames_are| match frames_are {
         FramesAre::Rows => FrameOrientation::Rows,
         FramesAre::Columns => FrameOrientation::Columns,
@@ -245,7 +248,7 @@ fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded,
     if let Some(row) = keys.frequency_row {
         options.sciospec.frequency_row = row;
     }
-    let scale = keys.scale.unwrap_or(1.0);
+    let scale = keys.scale;
     let format = keys.format.as_deref().map(str::parse).transpose()?;
     let component = match keys.component {
         Component::Real => eit_hw::Component::Real,

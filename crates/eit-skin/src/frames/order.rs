@@ -2,28 +2,25 @@
 
 use super::Loaded;
 use crate::error::SkinError;
-use crate::scene::Scene;
-use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol, Protocol};
+use crate::skin::Skin;
+use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
 use eit_hw::OrderVerdict;
 
 /// Compares the order of the data with others; returns the reciprocity error in the scene's.
 pub fn check(
-    scene: &Scene,
-    protocol: &Protocol,
+    skin: &Skin,
     loaded: &Loaded,
     mean: &[f64],
     notes: &mut Vec<String>,
 ) -> Result<Option<f64>, SkinError> {
-    let Some(quadruples) = protocol.quadruples() else { return Ok(None) };
+    let Some(quadruples) = skin.protocol.quadruples() else { return Ok(None) };
     let own = eit_hw::reciprocity_error(quadruples, mean);
-    if loaded.ordered_by_file || scene.protocol.quadruples_file.is_some() {
-        return Ok(own);
-    }
-    let alternatives = alternatives(&scene.pair_protocol(protocol.electrodes())?, mean.len());
+    let (false, Some(pairs)) = (loaded.ordered_by_file, &skin.pairs) else { return Ok(own) };
+    let alternatives = alternatives(pairs, mean.len());
     let named: Vec<(&str, Vec<[u32; 4]>)> =
         alternatives.iter().map(|(name, q)| (name.as_str(), q.clone())).collect();
     match eit_hw::recognise_order(mean, quadruples, &named) {
-        OrderVerdict::Other { better, ours } if scene.protocol.check_order != Some(false) => {
+        OrderVerdict::Other { better, ours } if skin.check_order => {
             let best = &better[0];
             Err(SkinError::input(format!(
                 "the data is not in the scene's order: reciprocity error {:.0} % as the scene has \

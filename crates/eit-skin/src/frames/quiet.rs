@@ -2,7 +2,7 @@
 
 use super::reference::Taken;
 use crate::error::SkinError;
-use crate::scene::Scene;
+use crate::skin::Skin;
 use eit_hw::{MeasuredFrames, Quality};
 use ndarray::{Array2, Axis};
 
@@ -21,15 +21,15 @@ pub struct QuietFrames {
 /// The frames that `noise.quiet_frames` names, else those of the reference where they are several
 /// and not the whole recording, touches and all. Frames with bad values are passed over.
 pub fn find(
-    scene: &Scene,
+    skin: &Skin,
     recording: &MeasuredFrames,
     reference: &Taken,
     used: &[bool],
     notes: &mut Vec<String>,
 ) -> Result<Option<QuietFrames>, SkinError> {
-    let Some([first, last]) = scene.noise.quiet_frames.map(|frames| frames.0) else {
+    let Some([first, last]) = skin.settings.noise.quiet_frames.map(|frames| frames.0) else {
         let frames = &reference.frames;
-        let values = clean((&frames.values, &frames.quality), 0..frames.values.nrows(), used);
+        let values = clean(&frames.values, &frames.quality, 0..frames.values.nrows(), used);
         let source = format!("the reference frames ({})", reference.source);
         let enough = !reference.touched && values.nrows() >= LEAST_FRAMES;
         return Ok(enough.then_some(QuietFrames { values, source }));
@@ -40,16 +40,16 @@ pub fn find(
             "noise.quiet_frames = [{first}, {last}]: the recording has frames 0 to {}",
             count - 1
         );
-        return Err(SkinError::input(message).within(&scene.place));
+        return Err(SkinError::input(message).within(&skin.place));
     }
-    let values = clean((&recording.values, &recording.quality), first..last + 1, used);
+    let values = clean(&recording.values, &recording.quality, first..last + 1, used);
     let found = values.nrows();
     if found < LEAST_FRAMES {
         return Err(SkinError::input(format!(
             "noise.quiet_frames = [{first}, {last}]: {found} of them are without bad values; the \
              noise is measured on {LEAST_FRAMES} or more"
         ))
-        .within(&scene.place));
+        .within(&skin.place));
     }
     let left_out = last + 1 - first - found;
     if left_out > 0 {
@@ -60,7 +60,8 @@ pub fn find(
 
 /// The frames of a range whose used values are all good.
 fn clean(
-    (values, quality): (&Array2<f64>, &Array2<Quality>),
+    values: &Array2<f64>,
+    quality: &Array2<Quality>,
     range: std::ops::Range<usize>,
     used: &[bool],
 ) -> Array2<f64> {

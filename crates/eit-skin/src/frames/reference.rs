@@ -2,12 +2,12 @@
 
 use super::{Loaded, name_of, read};
 use crate::error::SkinError;
-use crate::scene::{Reference, Scene};
-use eit_fem::Protocol;
+use crate::scene::Reference;
+use crate::skin::Skin;
 use eit_hw::{MeasuredFrames, Quality};
 use ndarray::{Array2, Axis};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A reference frame.
 pub struct Taken {
@@ -31,15 +31,10 @@ pub struct Measured {
 
 /// Takes the reference of the command line (`given`, files relative to the working folder), else
 /// the scene's (files relative to the scene), else the one the file marks.
-pub fn take(
-    scene: &Scene,
-    protocol: &Protocol,
-    loaded: &Loaded,
-    given: Option<&Reference>,
-) -> Result<Taken, SkinError> {
+pub fn take(skin: &Skin, loaded: &Loaded, given: Option<&Reference>) -> Result<Taken, SkinError> {
     let count = loaded.frames.values.nrows();
     let marked = loaded.marked_reference.map(Reference::Frame);
-    let reference = given.or(scene.recording.reference.as_ref()).or(marked.as_ref());
+    let reference = given.or(skin.settings.recording.reference.as_ref()).or(marked.as_ref());
     let (range, words) = match reference {
         None => {
             return Err(SkinError::input(
@@ -50,8 +45,7 @@ pub fn take(
         Some(Reference::Frame(n)) => single(*n),
         Some(Reference::Text(text)) => match range_of(text, count) {
             Some(found) => found,
-            None if given.is_some() => return from_file(scene, protocol, &PathBuf::from(text)),
-            None => return from_file(scene, protocol, &scene.resolve(Path::new(text))),
+            None => return from_file(skin, Path::new(text)),
         },
     };
     if range.is_empty() {
@@ -81,8 +75,8 @@ pub fn of_quiet(frames: &MeasuredFrames) -> Taken {
     Taken { values, good, source, frames, touched: false }
 }
 
-fn from_file(scene: &Scene, protocol: &Protocol, path: &Path) -> Result<Taken, SkinError> {
-    let other = read(scene, protocol, std::slice::from_ref(&path.to_path_buf()))?;
+fn from_file(skin: &Skin, path: &Path) -> Result<Taken, SkinError> {
+    let other = read(skin, std::slice::from_ref(&path.to_path_buf()))?;
     let count = other.frames.values.nrows();
     let (values, good) = other.frames.mean_of(0..count);
     let frames = if count == 1 { "1 frame".to_owned() } else { format!("mean of {count} frames") };

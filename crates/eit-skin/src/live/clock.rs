@@ -8,7 +8,7 @@ const DEFAULT_RATE_HZ: f64 = 20.0;
 /// The time of frames: that of the instrument, else of their arrival, else their number over their
 /// rate.
 #[derive(Clone, Copy, Debug)]
-pub struct Clock {
+pub(super) struct Clock {
     pub rate_hz: f64,
     first_host_s: Option<f64>,
     /// The last time that was given.

@@ -1,6 +1,6 @@
 //! What happened while watching, in bounded memory.
 
-use super::State;
+use super::ImageState;
 use eit_inverse::touch::{Touch, TouchState};
 use serde_json::{Value, json};
 
@@ -85,7 +85,7 @@ impl Summary {
         })
     }
 
-    pub fn take(&mut self, touches: &[Touch], state: State, latency_s: Option<f64>) {
+    pub fn take(&mut self, touches: &[Touch], state: ImageState, latency_s: Option<f64>) {
         self.frames += 1;
         let of = |state| touches.iter().filter(|touch| touch.state == state).count();
         self.touches += of(TouchState::Begin) as u64;
@@ -128,7 +128,7 @@ mod tests {
         assert_eq!((summary.notices.len(), summary.more_notices), (NOTICES, 900));
         assert_eq!(summary.notices[0], "notice 0");
         for number in 0..3 * LATENCIES {
-            summary.take(&[], State::default(), Some(number as f64));
+            summary.take(&[], ImageState::default(), Some(number as f64));
         }
         assert_eq!(summary.latencies_s.len(), LATENCIES);
         // the last ones

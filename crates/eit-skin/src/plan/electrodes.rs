@@ -1,8 +1,8 @@
 //! What taking the movement of electrodes out of the data costs.
 
-use super::stages::{PRODUCT_FLOPS_PER_S, SWEEP_FLOPS_PER_S, Stage, store_rate};
-use crate::pipeline::Setup;
-use crate::scene::Scene;
+use super::rates::{PRODUCT_FLOPS_PER_S, SWEEP_FLOPS_PER_S};
+use super::stage::{Stage, store_rate};
+use crate::skin::Skin;
 use eit_mesh::Electrode;
 
 /// Displacements of electrodes, seconds a node and displacement: of a rim, and beside patches, whose
@@ -15,15 +15,15 @@ const COPIES: f64 = 3.0;
 const TIMES: f64 = 2.0;
 
 /// The stage; none where electrodes stay.
-pub fn of(scene: &Scene, setup: &Setup) -> Option<Stage> {
-    let movement_m = scene.reconstruction.electrode_movement_m?;
-    let (m, n) = (setup.protocol.measurements() as f64, setup.model.elements() as f64);
-    let (cost, nodes) = (setup.model.cost(), setup.mesh.surface().nodes().len() as f64);
-    let unknowns = 2.0 * setup.protocol.electrodes() as f64;
+pub fn of(skin: &Skin) -> Option<Stage> {
+    let movement_m = skin.settings.reconstruction.electrode_movement_m?;
+    let (m, n) = (skin.protocol.measurements() as f64, skin.model.elements() as f64);
+    let (cost, nodes) = (skin.model.cost(), skin.mesh.surface().nodes().len() as f64);
+    let unknowns = 2.0 * skin.protocol.electrodes() as f64;
     // voltages and fields once more
     let solve = cost.factor_flops + 2.0 * cost.factor_entries as f64 * cost.field_solves as f64;
     let is_patch = |electrode: &Electrode| matches!(electrode, Electrode::Patch(_));
-    let search_s = match setup.mesh.electrodes().iter().any(is_patch) {
+    let search_s = match skin.mesh.electrodes().iter().any(is_patch) {
         true => PATCH_MOVEMENT_S,
         false => RIM_MOVEMENT_S,
     };

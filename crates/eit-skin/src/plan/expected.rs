@@ -1,53 +1,68 @@
 //! What is to be expected of a scene's images: as measured on the built-in scene most like it.
 
+use super::machine::Machine;
+use super::measured::{BUDGETS_S, Budget, Measured, Nearest, Table, Wanted, best, nearest, suits};
 use crate::error::SkinError;
 use crate::method::Method;
-use crate::pipeline::tv::DEFAULT_TARGET_GAP;
-use crate::pipeline::{DEFAULT_PIXELS, Setup};
-use crate::plan::machine::Machine;
-use crate::plan::measured::{BUDGETS_S, Measured, Nearest, Table, best, nearest, suits};
-use crate::scene::Scene;
+use crate::scene::StageSettings;
+use crate::skin::Skin;
+use crate::total_variation::DEFAULT_TARGET_GAP;
 use serde_json::{Value, json};
 
+/// The best within a budget.
+#[derive(Debug, Clone)]
+struct BestIn {
+    budget: Budget,
+    row: Option<Measured>,
+}
+
 /// Error, cost, and what would be better for the time a frame may take.
+#[derive(Debug)]
 pub struct Expected {
     pub nearest: Nearest,
     /// The scene's method there.
     pub row: Option<Measured>,
-    /// Budget, whether live, and the best within it.
-    best: Vec<(f64, bool, Option<Measured>)>,
+    /// The best within each budget.
+    best: Vec<BestIn>,
     machine: Machine,
 }
 
-/// The scene as `frame_time_s` would find it if the user had not yet chosen, and had stated the noise:
-/// bounds and rule stay.
-fn open(scene: &Scene) -> Scene {
-    let mut scene = scene.clone();
-    let keys = &mut scene.reconstruction;
+/// The settings as `frame_time_s` would find them if the user had not yet chosen, and had stated the
+/// noise: bounds and rule stay.
+fn open(settings: &StageSettings) -> StageSettings {
+    let mut settings = settings.clone();
+    let keys = &mut settings.reconstruction;
     (keys.method, keys.pixels, keys.target_gap) = (None, None, None);
-    scene.noise.additive_v.get_or_insert(1.0);
-    scene
+    settings.noise.additive_v.get_or_insert(1.0);
+    settings
 }
 
 impl Expected {
-    /// Looks the scene up. `voltages` are those of the untouched skin.
+    /// Looks the skin up for a method and so many frames. `voltages` are those of the untouched skin.
+    ///
+    /// # Errors
+    ///
+    /// A table that cannot be read.
     pub fn of(
-        scene: &Scene,
-        setup: &Setup,
-        (method, frames): (Method, Option<usize>),
+        skin: &Skin,
+        method: Method,
+        frames: Option<usize>,
         voltages: &[f64],
         machine: &Machine,
     ) -> Result<Self, SkinError> {
         let table = Table::load()?;
-        let nearest = nearest(scene, setup, frames, voltages);
-        let keys = &scene.reconstruction;
-        let pixels = keys.pixels.unwrap_or(DEFAULT_PIXELS);
-        let gap = keys.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
-        let row = table.of(nearest.scene, (scene, method), (pixels, gap)).cloned();
-        let wishes = open(scene);
+        let nearest = nearest(skin, frames, voltages);
+        let keys = &skin.settings.reconstruction;
+        let target_gap = keys.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
+        let wanted = Wanted { method, settings: keys, pixels: skin.pixels(), target_gap };
+        let row = table.of(nearest.scene, &wanted).cloned();
+        let wishes = open(&skin.settings);
         let rows = table.of_scene(nearest.scene).filter(|row| suits(&wishes, row));
-        let of = |live| {
-            BUDGETS_S.map(|budget| (budget, live, best(rows.clone(), (budget, live)).cloned()))
+        let of = |is_live| {
+            BUDGETS_S.map(|time_s| {
+                let budget = Budget { time_s, is_live };
+                BestIn { budget, row: best(rows.clone(), budget).cloned() }
+            })
         };
         let best = [of(false), of(true)].concat();
         Ok(Self { nearest, row, best, machine: machine.clone() })
@@ -75,7 +90,7 @@ impl Expected {
              stated (frame_time_s takes it), and the time here"
                 .to_owned(),
         );
-        for (budget_s, live, row) in &self.best {
+        for BestIn { budget: Budget { time_s: budget_s, is_live: live }, row } in &self.best {
             let kind = if *live { "live" } else { "recorded" };
             let found = row.as_ref().map_or_else(
                 || "nothing that the scene allows is so fast".to_owned(),
@@ -91,7 +106,7 @@ impl Expected {
 
     /// For programs.
     pub fn json(&self) -> Value {
-        let one = |(budget_s, live, row): &(f64, bool, Option<Measured>)| {
+        let one = |BestIn { budget: Budget { time_s: budget_s, is_live: live }, row }: &BestIn| {
             json!({
                 "budget_s": budget_s,
                 "live": live,

@@ -2,21 +2,42 @@
 
 use super::sequence::Sequence;
 use crate::method::Method;
-use crate::pipeline::Setup;
-use crate::scene::Scene;
+use crate::skin::Skin;
+use serde_json::{Value, json};
+
+/// Something that is not done, and why.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LeftOut {
+    /// What.
+    pub what: &'static str,
+    /// Why.
+    pub why: String,
+}
+
+impl LeftOut {
+    /// For programs.
+    pub fn json(&self) -> Value {
+        json!({"what": self.what, "why": self.why})
+    }
+
+    /// A line of the plan.
+    pub fn line(&self) -> String {
+        format!("  {:<22} {}", self.what, self.why)
+    }
+}
+
+/// From pairs of what and why.
+pub(super) fn listed(list: Vec<(&'static str, String)>) -> Vec<LeftOut> {
+    list.into_iter().map(|(what, why)| LeftOut { what, why }).collect()
+}
 
 /// What the scene does not use, and why.
-pub fn of(
-    scene: &Scene,
-    setup: &Setup,
-    method: Method,
-    sequence: Sequence,
-) -> Vec<(&'static str, String)> {
-    let cost = setup.model.cost();
-    let patterns = setup.protocol.stimulations_a().nrows();
-    let (m, products) = (setup.protocol.measurements(), cost.field_products);
+pub fn of(skin: &Skin, method: Method, sequence: Sequence) -> Vec<LeftOut> {
+    let cost = skin.model.cost();
+    let patterns = skin.protocol.stimulations_a().nrows();
+    let (m, products) = (skin.protocol.measurements(), cost.field_products);
     let mut list = vec![
-        ("complex arithmetic", scene.why_real().to_owned()),
+        ("complex arithmetic", skin.why_real.to_owned()),
         (
             "forward sweeps",
             "currents enter at electrodes only, which are eliminated last".to_owned(),
@@ -26,10 +47,10 @@ pub fn of(
             format!(
                 "{} of {} patterns: the others are combinations",
                 {
-                    (patterns + setup.protocol.measurement_patterns().nrows())
+                    (patterns + skin.protocol.measurement_patterns().nrows())
                         .saturating_sub(cost.field_solves)
                 },
-                patterns + setup.protocol.measurement_patterns().nrows()
+                patterns + skin.protocol.measurement_patterns().nrows()
             ),
         ),
     ];
@@ -37,25 +58,26 @@ pub fn of(
         let why = format!("{} of {m} rows are multiples of others (reciprocity)", m - products);
         list.push(("Jacobian products", why));
     }
-    list.extend(of_method(scene, method, sequence));
-    if scene.reconstruction.electrode_movement_m.is_none() && method != Method::GaussNewtonAbsolute
+    list.extend(of_method(skin, method, sequence));
+    if skin.settings.reconstruction.electrode_movement_m.is_none()
+        && method != Method::GaussNewtonAbsolute
     {
         let why = "no reconstruction.electrode_movement_m: electrodes are taken to stay; where the rim of \
                    a fabric gives way, touches come with spots at electrodes";
         list.push(("electrode movement", why.to_owned()));
     }
-    if scene.denoise.is_none() {
+    if skin.settings.denoise.is_none() {
         list.push(("U-net", "the scene has no [denoise]".to_owned()));
     }
-    if scene.instrument.is_none() {
+    if skin.instrument.is_none() {
         list.push(("instrument", "the scene has no [instrument]: recorded frames only".to_owned()));
     }
-    list
+    listed(list)
 }
 
 /// What the method leaves out on this scene.
-fn of_method(scene: &Scene, method: Method, sequence: Sequence) -> Vec<(&'static str, String)> {
-    let keys = &scene.reconstruction;
+fn of_method(skin: &Skin, method: Method, sequence: Sequence) -> Vec<(&'static str, String)> {
+    let keys = &skin.settings.reconstruction;
     let mut list = Vec::new();
     let by_itself = match method {
         Method::GaussNewton => Some("one-step Gauss-Newton takes each frame by itself"),

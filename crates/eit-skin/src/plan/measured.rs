@@ -7,13 +7,14 @@
 mod in_time;
 mod nearest;
 
-pub use in_time::{BUDGETS_S, in_time, suits};
+pub use in_time::BUDGETS_S;
+pub(crate) use in_time::{in_frame_time, suits};
 pub use nearest::{Nearest, nearest};
 
 use crate::error::SkinError;
 use crate::method::Method;
 use crate::plan::machine::Machine;
-use crate::scene::{Hyperparameter, Rule, Scene};
+use crate::scene::{Hyperparameter, ReconstructionSettings, Rule};
 use serde::{Deserialize, Serialize};
 
 const TABLE: &str = include_str!("measured.csv");
@@ -92,16 +93,38 @@ impl Measured {
     }
 }
 
+/// What a frame may take.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Budget {
+    /// Seconds.
+    pub time_s: f64,
+    /// Only what gives an image before the next frame comes.
+    pub is_live: bool,
+}
+
+/// A method at some setting, as a table is asked for it.
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted<'a> {
+    /// Its method.
+    pub method: Method,
+    /// Bounds and rule of the hyperparameter.
+    pub settings: &'a ReconstructionSettings,
+    /// Pixels along the longer side.
+    pub pixels: usize,
+    /// Relative gap that it runs to.
+    pub target_gap: f64,
+}
+
 /// The best of some rows for a time that a frame may take where they were measured: of those whose
 /// error is within 2 % of the least, the cheapest; of equal work, what has proven more. Peers never.
 pub fn best<'a>(
     rows: impl Iterator<Item = &'a Measured> + Clone,
-    (budget_s, live): (f64, bool),
+    budget: Budget,
 ) -> Option<&'a Measured> {
     let fits = move |row: &&Measured| {
         // a stream is for what streams
-        let kind = if live { row.live } else { !row.is_stream() };
-        kind && !row.peer && 1e-3 * row.cost_ms_a_frame <= budget_s
+        let kind = if budget.is_live { row.live } else { !row.is_stream() };
+        kind && !row.peer && 1e-3 * row.cost_ms_a_frame <= budget.time_s
     };
     let fitting = rows.filter(fits);
     let least = fitting.clone().map(|row| row.relative_error).reduce(f64::min)?;
@@ -135,15 +158,10 @@ impl Table {
         self.rows.iter().filter(move |row| row.scene == scene)
     }
 
-    /// What was measured of a method on a built-in scene, with the bound and the rule that `scene`
-    /// states, at the nearest number of pixels and gap.
-    pub fn of(
-        &self,
-        built_in: &str,
-        (scene, method): (&Scene, Method),
-        (pixels, gap): (usize, f64),
-    ) -> Option<&Measured> {
-        let keys = &scene.reconstruction;
+    /// What was measured of a method on a built-in scene, with the bound and the rule that the
+    /// settings state, at the nearest number of pixels and gap.
+    pub fn of(&self, built_in: &str, wanted: &Wanted<'_>) -> Option<&Measured> {
+        let Wanted { method, settings: keys, pixels, target_gap: gap } = *wanted;
         let bounded = keys.lower_s.is_some_and(|lower| lower >= 0.0);
         let rule = match keys.hyperparameter {
             Some(Hyperparameter::Rule(Rule::Gcv)) => "gcv",
@@ -204,12 +222,18 @@ mod tests {
             of("c stream", 0.1, 1.0, 1e-1, 9.0),
             Measured { peer: true, ..of("d", 0.1, 1.0, 1e-1, 9.0) },
         ];
-        let found = best(rows.iter(), (1e-2, false)).unwrap();
+        let found = best(rows.iter(), Budget { time_s: 1e-2, is_live: false }).unwrap();
         assert_eq!((found.solver.as_str(), found.target_gap), ("a", Some(1e-1)));
-        assert_eq!(best(rows.iter(), (1.0, false)).unwrap().relative_error, 0.30);
-        assert!(best(rows.iter(), (1e-4, false)).is_none());
-        assert!(best(rows.iter(), (1.0, true)).is_none(), "none is live");
+        assert_eq!(
+            best(rows.iter(), Budget { time_s: 1.0, is_live: false }).unwrap().relative_error,
+            0.30
+        );
+        assert!(best(rows.iter(), Budget { time_s: 1e-4, is_live: false }).is_none());
+        assert!(best(rows.iter(), Budget { time_s: 1.0, is_live: true }).is_none(), "none is live");
         rows[4].live = true;
-        assert_eq!(best(rows.iter(), (1.0, true)).unwrap().solver, "c stream");
+        assert_eq!(
+            best(rows.iter(), Budget { time_s: 1.0, is_live: true }).unwrap().solver,
+            "c stream"
+        );
     }
 }

@@ -2,15 +2,16 @@
 
 use super::sequence::Sequence;
 use crate::method::Method;
-use crate::scene::{Delta, Scene};
+use crate::scene::Delta;
+use crate::skin::Skin;
 
 /// Lines for the plan; none for methods that a hyperparameter drives.
-pub fn of(scene: &Scene, method: Method, sequence: Sequence) -> Vec<String> {
+pub fn of(skin: &Skin, method: Method, sequence: Sequence) -> Vec<String> {
     if !method.is_tv() {
         return Vec::new();
     }
-    let mut lines = vec![noise(scene), weights(scene)];
-    let keys = &scene.reconstruction;
+    let mut lines = vec![noise(skin), weights(skin)];
+    let keys = &skin.settings.reconstruction;
     if keys.lower_s.is_some() || keys.upper_s.is_some() {
         let bound = |value: Option<f64>, none| {
             value.map_or_else(|| String::from(none), |value| format!("{value:e} S"))
@@ -21,19 +22,21 @@ pub fn of(scene: &Scene, method: Method, sequence: Sequence) -> Vec<String> {
             bound(keys.upper_s, "any")
         ));
     }
-    let known = scene.noise.additive_v.is_some() || scene.noise.quiet_frames.is_some();
+    let known =
+        skin.settings.noise.additive_v.is_some() || skin.settings.noise.quiet_frames.is_some();
     if known {
         lines.push(
             "frames that do not differ from the reference beyond noise are not solved: image zero"
                 .to_owned(),
         );
     }
-    lines.push(coupling(scene, method, sequence, known));
+    lines.push(coupling(skin, method, sequence, known));
     lines
 }
 
-fn noise(scene: &Scene) -> String {
-    match (scene.noise.additive_v, scene.noise.quiet_frames.map(|frames| frames.0)) {
+fn noise(skin: &Skin) -> String {
+    match (skin.settings.noise.additive_v, skin.settings.noise.quiet_frames.map(|frames| frames.0))
+    {
         (Some(additive_v), _) => format!("noise: {additive_v:e} V in a voltage, from the scene"),
         (_, Some([first, last])) => format!("noise: measured on quiet frames {first} to {last}"),
         _ => "noise: measured on the reference frames where they are several, else the error of \
@@ -42,8 +45,8 @@ fn noise(scene: &Scene) -> String {
     }
 }
 
-fn weights(scene: &Scene) -> String {
-    let keys = &scene.reconstruction;
+fn weights(skin: &Skin) -> String {
+    let keys = &skin.settings.reconstruction;
     match (keys.delta, keys.lambda_space) {
         (Some(Delta::Value(delta)), _) => {
             format!("data: each frame within delta = {delta:e}, from the scene")
@@ -57,8 +60,8 @@ fn weights(scene: &Scene) -> String {
 }
 
 /// What becomes of the term in time.
-fn coupling(scene: &Scene, method: Method, sequence: Sequence, known: bool) -> String {
-    let none = method == Method::Tv || scene.reconstruction.lambda_time == Some(0.0);
+fn coupling(skin: &Skin, method: Method, sequence: Sequence, known: bool) -> String {
+    let none = method == Method::Tv || skin.settings.reconstruction.lambda_time == Some(0.0);
     let couples = match sequence {
         Sequence::Frames(1) => {
             return "time term: dropped, one frame is plain total variation".to_owned();

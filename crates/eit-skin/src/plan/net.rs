@@ -1,9 +1,8 @@
 //! What a U-net costs a frame.
 
-use super::stages::Stage;
-use crate::denoise::Net;
-use crate::pipeline::DEFAULT_PIXELS;
-use crate::scene::Scene;
+use super::stage::Stage;
+use crate::error::SkinError;
+use crate::skin::Skin;
 
 /// Multiplications and additions a second of the small convolutions, and of the products of the
 /// check, fitted as those of the other stages.
@@ -11,14 +10,17 @@ const NET_FLOPS_PER_S: f64 = 3.5e10;
 const CHECK_FLOPS_PER_S: f64 = 1e10;
 
 /// Net and check; none without `[denoise]`.
-pub fn of(scene: &Scene, net: Option<&Net>, (measurements, share): (usize, f64)) -> Vec<Stage> {
-    let Some(net) = net else { return Vec::new() };
-    let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
+#[cfg(feature = "denoise")]
+pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
+    let Some(net) = skin.net()? else { return Ok(Vec::new()) };
+    let pixels = skin.pixels();
+    let measurements = skin.protocol.measurements();
+    let share = super::stages::skin_share(skin);
     let shape = net.shape();
     let flops = 2.0 * shape.multiply_adds(pixels, pixels);
     let inside = share * (pixels * pixels) as f64;
     let check = 2.0 * measurements as f64 * inside;
-    vec![
+    Ok(vec![
         Stage {
             name: "U-net",
             size: format!("{} weights, {pixels} x {pixels} pixels", shape.parameters()),
@@ -35,5 +37,11 @@ pub fn of(scene: &Scene, net: Option<&Net>, (measurements, share): (usize, f64))
             time_s: check / CHECK_FLOPS_PER_S,
             why: "a frame: does the net's image explain the measurements?".to_owned(),
         },
-    ]
+    ])
+}
+
+/// None without the feature.
+#[cfg(not(feature = "denoise"))]
+pub fn of(_: &Skin) -> Result<Vec<Stage>, SkinError> {
+    Ok(Vec::new())
 }

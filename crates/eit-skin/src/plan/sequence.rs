@@ -1,10 +1,10 @@
 //! The recording of a scene, as far as a plan has to know it.
 
-use crate::frames::{self, Frames};
+use crate::frames::Frames;
 use crate::method::Method;
-use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
-use crate::scene::Scene;
+use crate::skin::Skin;
+use std::sync::Arc;
 
 /// Frames that a plan is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,27 +17,26 @@ pub enum Sequence {
     Still(usize),
 }
 
-/// The scene's recording, where it can be read. What is wrong with one is told by
-/// `eit reconstruct`: a plan does without.
-pub fn read(scene: &Scene, setup: &Setup, progress: &mut Progress) -> Option<Frames> {
-    progress.stage("read frames", || frames::load(scene, &setup.protocol, &[], None)).ok()
+/// The skin's recording, where it can be read. What is wrong with one is told by a reconstruction: a
+/// plan does without.
+pub fn read(skin: &Skin, progress: &mut Progress) -> Option<Frames> {
+    progress.stage("read frames", || skin.read_frames(&[], None)).ok()
 }
 
 impl Sequence {
     /// Looks whether the scene is static where the method cares and the noise is known.
     pub fn of(
-        scene: &Scene,
-        setup: &Setup,
+        skin: &Skin,
         method: Method,
-        recording: Option<&mut Frames>,
+        recording: Option<Frames>,
         progress: &mut Progress,
     ) -> Self {
         let Some(frames) = recording else { return Self::Unknown };
         let count = frames.values.nrows();
         let still = method.is_tv() && count > 1 && {
-            let found = pipeline::linearise(scene, setup, progress)
-                .and_then(|linearised| pipeline::tv::is_still(scene, setup, &linearised, frames));
-            found.unwrap_or(false)
+            let linearised = skin.linearise(progress).map(Arc::new);
+            let fitted = linearised.and_then(|linearised| linearised.fit(frames));
+            fitted.and_then(|fitted| fitted.is_still()).unwrap_or(false)
         };
         if still { Self::Still(count) } else { Self::Frames(count) }
     }

@@ -1,81 +1,49 @@
 //! Stages of a plan: sizes, work, expected time.
 
-mod images;
-mod rates;
-
 use super::electrodes;
+use super::machine::Machine;
+use super::measured::Measured;
+use super::rates::{
+    ACCURATE_NODE_S, COMPLEX_FLOPS, ELEMENT_S, FACTOR_FLOPS_PER_S, NODE_S, STABLE_NODE_S,
+    SWEEP_FLOPS_PER_S, USUAL_DIRECTIONS,
+};
 use super::sequence::Sequence;
+use super::sizes::Sizes;
+use super::stage::{Stage, scale, store_rate};
 use crate::method::Method;
-use crate::pipeline::reactive::ReactiveSetup;
-use crate::pipeline::{DEFAULT_PIXELS, Setup};
-use crate::plan::machine::Machine;
-use crate::plan::measured::Measured;
-use crate::scene::{Scene, Shape};
+use crate::reactive::ReactiveSkin;
+use crate::skin::Skin;
 use eit_fem::{Elements, SolvePath};
 use eit_mesh::{Mesh, Quality};
-use rates::{
-    ACCURATE_NODE_S, CACHED_BYTES, COMPLEX_FLOPS, ELEMENT_S, FACTOR_FLOPS_PER_S,
-    FITTED_FLOPS_PER_S, NEW_BYTES_PER_S, NODE_S, STABLE_NODE_S, STORE_BYTES_PER_S,
-    USUAL_DIRECTIONS,
-};
-pub use rates::{PRODUCT_FLOPS_PER_S, SWEEP_FLOPS_PER_S};
-
-/// One stage of the plan.
-pub struct Stage {
-    pub name: &'static str,
-    pub size: String,
-    pub flops: f64,
-    pub bytes: f64,
-    pub time_s: f64,
-    pub why: String,
-}
-
-/// Numbers that all stages come from.
-struct Sizes<'a> {
-    scene: &'a Scene,
-    setup: &'a Setup,
-    measurements: f64,
-    elements: f64,
-    /// Pixels of the raster's side, and those on the skin.
-    pixels: usize,
-    skin_pixels: f64,
-    /// Independent measurements at most.
-    rank: f64,
-    /// Those of them that time is counted for.
-    directions: f64,
-    /// The method on the built-in scene most like this one.
-    measured: Option<&'a Measured>,
-    machine: &'a Machine,
-}
 
 /// The stages of a method, in the order of the work.
 pub fn of(
-    scene: &Scene,
-    setup: &Setup,
-    (method, sequence): (Method, Sequence),
-    (machine, measured): (&Machine, Option<&Measured>),
+    skin: &Skin,
+    method: Method,
+    sequence: Sequence,
+    machine: &Machine,
+    measured: Option<&Measured>,
 ) -> Vec<Stage> {
-    let cost = setup.model.cost();
-    let (m, n) = (setup.protocol.measurements() as f64, setup.model.elements() as f64);
-    let pixels = scene.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS);
-    let electrodes = setup.protocol.electrodes() as f64;
+    let cost = skin.model.cost();
+    let (m, n) = (skin.protocol.measurements() as f64, skin.model.elements() as f64);
+    let pixels = skin.pixels();
+    let electrodes = skin.protocol.electrodes() as f64;
     // reciprocity leaves L (L - 1) / 2 independent measurements at most; smooth priors fewer
     let rank = m.min(cost.field_products as f64).min(n).min(0.5 * electrodes * (electrodes - 1.0));
     let sizes = Sizes {
         measured,
         machine,
-        scene,
-        setup,
+        skin,
         measurements: m,
         elements: n,
         pixels,
-        skin_pixels: (skin_share(setup) * (pixels * pixels) as f64).round(),
+        skin_pixels: (skin_share(skin) * (pixels * pixels) as f64).round(),
         rank,
         directions: rank.min(USUAL_DIRECTIONS),
     };
     let mut stages = sizes.model();
     if method != Method::GaussNewtonAbsolute {
-        stages.extend(electrodes::of(scene, setup));
+        stages.extend(electrodes::of(skin));
     }
     match method {
         Method::StTv | Method::Tv => stages.extend(sizes.total_variation(sequence)),
@@ -94,8 +62,8 @@ pub fn of(
 
 /// The stages of a scene that stores charge. A complex product is four real ones, a matrix is assembled
 /// twice, for real and imaginary parts.
-pub fn of_reactive(scene: &Scene, setup: &ReactiveSetup, machine: &Machine) -> Vec<Stage> {
-    let model = &setup.model;
+pub fn of_reactive(skin: &ReactiveSkin, machine: &Machine) -> Vec<Stage> {
+    let model = &skin.model;
     let cost = model.cost();
     let (m, n) = (model.protocol().measurements() as f64, model.elements() as f64);
     let (entries, solves) = (cost.factor_entries as f64, cost.field_solves as f64);
@@ -103,7 +71,7 @@ pub fn of_reactive(scene: &Scene, setup: &ReactiveSetup, machine: &Machine) -> V
     let sweep = COMPLEX_FLOPS * 2.0 * entries * solves;
     let bytes = 16.0 * m * n;
     let mut stages = vec![
-        mesh_stage(scene, &setup.mesh),
+        mesh_stage(skin.from_file, &skin.mesh),
         Stage {
             name: "forward, complex",
             size: format!("{} unknowns, factor {} entries", cost.unknowns, cost.factor_entries),
@@ -128,19 +96,8 @@ pub fn of_reactive(scene: &Scene, setup: &ReactiveSetup, machine: &Machine) -> V
     stages
 }
 
-/// From the machine that the rates are of to this one.
-fn scale(stages: &mut [Stage], machine: &Machine) {
-    let slowness = FITTED_FLOPS_PER_S / machine.double_flops_per_s;
-    stages.iter_mut().for_each(|stage| stage.time_s *= slowness);
-}
-
-/// Bytes a second at which an array of this size is stored.
-pub fn store_rate(bytes: f64) -> f64 {
-    if bytes > CACHED_BYTES { NEW_BYTES_PER_S } else { STORE_BYTES_PER_S }
-}
-
 /// Generated or read.
-fn mesh_stage(scene: &Scene, mesh: &Mesh) -> Stage {
+fn mesh_stage(from_file: bool, mesh: &Mesh) -> Stage {
     let quality = Quality::of(mesh);
     Stage {
         name: "mesh",
@@ -148,21 +105,23 @@ fn mesh_stage(scene: &Scene, mesh: &Mesh) -> Stage {
         flops: 0.0,
         bytes: 24.0 * quality.nodes as f64 + 12.0 * quality.triangles as f64,
         time_s: NODE_S * quality.nodes as f64,
-        why: match scene.skin.shape {
-            Shape::Mesh => "read from the scene's file".to_owned(),
-            _ => format!("graded to the electrode ends, mean quality {:.3}", quality.mean_quality),
+        why: match from_file {
+            true => "read from the scene's file".to_owned(),
+            false => {
+                format!("graded to the electrode ends, mean quality {:.3}", quality.mean_quality)
+            }
         },
     }
 }
 
 /// The one solve that images are linearised at, where textbook assembly may lose too many digits.
-pub fn linearisation(setup: &Setup, path: SolvePath, machine: &Machine) -> Option<Stage> {
+pub fn linearisation(skin: &Skin, path: SolvePath, machine: &Machine) -> Option<Stage> {
     let (node_s, numbers) = match path {
         SolvePath::Plain => return None,
         SolvePath::Stable => (STABLE_NODE_S, "f64"),
         SolvePath::Accurate => (ACCURATE_NODE_S, "twice the precision"),
     };
-    let nodes = setup.mesh.surface().nodes().len() as f64;
+    let nodes = skin.mesh.surface().nodes().len() as f64;
     let mut stages = [Stage {
         name: "linearisation",
         size: format!("once, electrodes by their means, {numbers}"),
@@ -178,18 +137,18 @@ pub fn linearisation(setup: &Setup, path: SolvePath, machine: &Machine) -> Optio
 impl Sizes<'_> {
     /// Mesh, forward solution and Jacobian, which all methods need.
     fn model(&self) -> Vec<Stage> {
-        let (scene, setup) = (self.scene, self.setup);
+        let skin = self.skin;
         let (m, n) = (self.measurements, self.elements);
-        let cost = setup.model.cost();
+        let cost = skin.model.cost();
         let entries = cost.factor_entries as f64;
         let solves = cost.field_solves as f64;
         let sweep = 2.0 * entries * solves;
-        let kind = match setup.model.element_kind() {
+        let kind = match skin.model.element_kind() {
             Elements::Linear => "",
             Elements::Quadratic => "quadratic elements; ",
         };
         vec![
-            mesh_stage(scene, &setup.mesh),
+            mesh_stage(skin.source.is_file(), &skin.mesh),
             Stage {
                 name: "forward",
                 size: format!("{} unknowns, factor {} entries", cost.unknowns, cost.factor_entries),
@@ -208,8 +167,8 @@ impl Sizes<'_> {
                 time_s: sweep / SWEEP_FLOPS_PER_S + 8.0 * m * n / store_rate(8.0 * m * n),
                 why: format!(
                     "{} patterns span {solves} fields; reciprocal measurements share a product",
-                    setup.protocol.stimulations_a().nrows()
-                        + setup.protocol.measurement_patterns().nrows()
+                    skin.protocol.stimulations_a().nrows()
+                        + skin.protocol.measurement_patterns().nrows()
                 ),
             },
         ]
@@ -217,8 +176,8 @@ impl Sizes<'_> {
 }
 
 /// Part of the raster's square that is skin.
-pub fn skin_share(setup: &Setup) -> f64 {
-    let [low, high] = setup.mesh.surface().bounds_m();
+pub fn skin_share(skin: &Skin) -> f64 {
+    let [low, high] = skin.mesh.surface().bounds_m();
     let side = (high[0] - low[0]).max(high[1] - low[1]);
-    (setup.mesh.surface().areas_m2().iter().sum::<f64>() / (side * side)).min(1.0)
+    (skin.mesh.surface().areas_m2().iter().sum::<f64>() / (side * side)).min(1.0)
 }

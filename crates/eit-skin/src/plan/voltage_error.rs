@@ -1,9 +1,8 @@
 //! What the mesh does to the voltages, beside what the instrument's noise does.
 
 use crate::error::SkinError;
-use crate::pipeline::mesh_choice::{self, Accuracy, words};
-use crate::pipeline::{Setup, series};
-use crate::scene::{AccuracyKeys, AccuracyRule, Scene};
+use crate::scene::{Accuracy, element_words};
+use crate::skin::Skin;
 use eit_fem::{Elements, ModelCost};
 use serde_json::{Value, json};
 
@@ -12,6 +11,7 @@ use serde_json::{Value, json};
 const PLAN_DEGREE: usize = 12;
 
 /// Errors of the untouched skin's voltages, each over the largest voltage.
+#[derive(Debug)]
 pub struct VoltageError {
     /// Of the discretisation; `None` where nothing can judge it.
     pub of_mesh: Option<f64>,
@@ -28,11 +28,11 @@ pub struct VoltageError {
 
 impl VoltageError {
     /// By the mesh-free series where there is one, else by better elements or a finer mesh.
-    pub fn of(scene: &Scene, setup: &Setup, found: &[f64]) -> Result<Self, SkinError> {
+    pub fn of(skin: &Skin, found: &[f64]) -> Result<Self, SkinError> {
         let largest = found.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        let elements = setup.model.element_kind();
-        let chosen = setup.accuracy.as_ref().map(|accuracy| accuracy.error);
-        let (of_mesh, against) = match (series::disc_voltages(scene, setup, PLAN_DEGREE)?, chosen) {
+        let elements = skin.model.element_kind();
+        let chosen = skin.accuracy.as_ref().map(|accuracy| accuracy.error);
+        let (of_mesh, against) = match (skin.series_voltages(PLAN_DEGREE)?, chosen) {
             (Some(exact), _) => {
                 let pairs = exact.iter().zip(found);
                 let error = pairs.fold(0.0_f64, |m, (exact, found)| m.max((exact - found).abs()));
@@ -40,7 +40,7 @@ impl VoltageError {
             }
             (None, Some(estimate)) => (estimate, "the meshes that it was chosen among"),
             (None, None) => (
-                mesh_choice::estimate(scene, setup)?,
+                skin.mesh_error()?,
                 match elements {
                     Elements::Linear => "quadratic elements on the same mesh",
                     Elements::Quadratic => "quadratic elements on twice the nodes",
@@ -50,14 +50,11 @@ impl VoltageError {
         Ok(Self {
             of_mesh,
             against,
-            noise: scene.noise.additive_v.map(|noise_v| noise_v / largest),
-            by_noise: matches!(
-                scene.mesh.required_accuracy,
-                Some(AccuracyKeys::Rule(AccuracyRule::Noise))
-            ),
-            accuracy: setup.accuracy.clone(),
+            noise: skin.settings.noise.additive_v.map(|noise_v| noise_v / largest),
+            by_noise: skin.accuracy.as_ref().is_some_and(|accuracy| accuracy.by_noise),
+            accuracy: skin.accuracy.clone(),
             elements,
-            cost: setup.model.cost(),
+            cost: skin.model.cost(),
         })
     }
 
@@ -107,7 +104,7 @@ impl VoltageError {
         format!(
             "mesh chosen for {}: {} elements with {} unknowns; {}{}",
             if self.by_noise { "the noise" } else { "the required accuracy" },
-            words(self.elements),
+            element_words(self.elements),
             self.cost.unknowns,
             accuracy.words(),
             finest.map_or_else(String::new, |nodes| format!(

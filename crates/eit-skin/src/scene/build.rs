@@ -1,21 +1,21 @@
 //! From the scene's keys to the settings of the library crates.
 
-use super::mesh::{SceneElectrodes, SceneMesh};
+use super::mesh::{ElectrodeSource, MeshSource};
 use super::{
-    AccuracyKeys, AccuracyRule, DifferenceKind, Direction, ElementKeys, OneOrMany, Pair, Position,
-    Scene, Shape, plain,
+    AccuracyRule, Direction, ElementKind, OneOrMany, Pair, Position, RequiredAccuracyKey, Scene,
+    Shape, plain,
 };
 use crate::error::SkinError;
-use eit_fem::{Elements, Protocol, RequiredAccuracy};
-use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
+use eit_fem::{Elements, RequiredAccuracy};
+use eit_mesh::{MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
 
 impl Scene {
     /// The kind of finite elements that the scene names, or asks for: derivatives along movement of
     /// electrodes are those of linear ones.
     pub fn elements(&self) -> Option<Elements> {
         match self.mesh.elements {
-            Some(ElementKeys::Linear) => Some(Elements::Linear),
-            Some(ElementKeys::Quadratic) => Some(Elements::Quadratic),
+            Some(ElementKind::Linear) => Some(Elements::Linear),
+            Some(ElementKind::Quadratic) => Some(Elements::Quadratic),
             None => self.reconstruction.electrode_movement_m.map(|_| Elements::Linear),
         }
     }
@@ -25,8 +25,8 @@ impl Scene {
         let key = "noise.additive_v";
         Ok(match &self.mesh.required_accuracy {
             None => None,
-            Some(AccuracyKeys::Relative(value)) => Some(RequiredAccuracy::Relative(*value)),
-            Some(AccuracyKeys::Rule(AccuracyRule::Noise)) => {
+            Some(RequiredAccuracyKey::Relative(value)) => Some(RequiredAccuracy::Relative(*value)),
+            Some(RequiredAccuracyKey::Rule(AccuracyRule::Noise)) => {
                 let why = "mesh.required_accuracy = \"noise\"";
                 Some(RequiredAccuracy::Volts(self.needed(self.noise.additive_v, key, why)?))
             }
@@ -34,8 +34,8 @@ impl Scene {
     }
 
     /// The mesh this scene asks for, checked; `nodes` overrides its density.
-    pub fn mesh(&self, nodes: Option<usize>) -> Result<SceneMesh, SkinError> {
-        let mut settings = self.mesh_settings()?;
+    pub fn mesh(&self, nodes: Option<usize>) -> Result<MeshSource, SkinError> {
+        let base = self.mesh_settings()?;
         if let Shape::Mesh = self.skin.shape {
             if nodes.is_some() {
                 return Err(self.error("--nodes is for generated meshes, not for files".to_owned()));
@@ -46,46 +46,20 @@ impl Scene {
                 None => Vec::new(),
             };
             let (path, scale_m) = (self.resolve(file), self.skin.scale_m.unwrap_or(1.0));
-            return Ok(SceneMesh::File { path, scale_m, electrodes, settings });
+            return Ok(MeshSource::File { path, scale_m, electrodes, settings: base });
         }
         let shape = self.shape()?;
         let electrodes = self.electrodes()?;
-        let nodes = nodes.or(self.mesh.nodes);
         match &electrodes {
-            SceneElectrodes::Rim(rim) => {
-                rim.validate(&shape.outline()?)?;
-                if let Some(nodes) = nodes {
-                    settings = settings.for_nodes(&shape, rim, nodes)?;
-                }
-            }
-            SceneElectrodes::Placed(placed) => {
-                PlacedElectrode::validate(placed, &shape)?;
-                if let Some(nodes) = nodes {
-                    settings = settings.for_nodes_placed(&shape, placed, nodes)?;
-                }
-            }
+            ElectrodeSource::Rim(rim) => rim.validate(&shape.outline()?)?,
+            ElectrodeSource::Placed(placed) => PlacedElectrode::validate(placed, &shape)?,
         }
-        Ok(SceneMesh::Generated { shape, electrodes, settings })
-    }
-
-    /// A mesh of the family that the scene's mesh is chosen from ([`MeshSettings::similar`]).
-    pub fn similar_mesh(&self, scale: f64) -> Result<Mesh, SkinError> {
-        let shape = self.shape()?;
-        // the search has a limit of its own
-        let node_limit = MeshSettings::default().node_limit;
-        let settings = MeshSettings { node_limit, ..self.mesh_settings()? };
-        Ok(match self.electrodes()? {
-            SceneElectrodes::Rim(rim) => {
-                let settings = settings.similar(&shape, rim.width_m, scale)?;
-                eit_mesh::generate(&shape, &rim, &settings)?
-            }
-            SceneElectrodes::Placed(placed) => {
-                let widths = placed.iter().map(PlacedElectrode::width_m);
-                let narrowest_m = widths.fold(f64::INFINITY, f64::min);
-                let settings = settings.similar(&shape, narrowest_m, scale)?;
-                eit_mesh::generate_placed(&shape, &placed, &settings)?
-            }
-        })
+        let settings = base.clone();
+        let source = MeshSource::Generated { shape, electrodes, settings, base };
+        match nodes.or(self.mesh.nodes) {
+            Some(nodes) => source.with_nodes(nodes),
+            None => Ok(source),
+        }
     }
 
     fn mesh_settings(&self) -> Result<MeshSettings, SkinError> {
@@ -127,7 +101,7 @@ impl Scene {
     }
 
     /// The electrodes of a generated mesh.
-    pub fn electrodes(&self) -> Result<SceneElectrodes, SkinError> {
+    pub fn electrodes(&self) -> Result<ElectrodeSource, SkinError> {
         let keys = &self.electrodes;
         if let Some(positions) = &keys.positions_m {
             // equal widths on a flat rim are one setting
@@ -137,9 +111,9 @@ impl Scene {
             {
                 self.same_count(positions.len())?;
                 let placement = Placement::At(positions.iter().map(|p| [p.0[0], p.0[1]]).collect());
-                return Ok(SceneElectrodes::Rim(RimElectrodes { width_m: *width_m, placement }));
+                return Ok(ElectrodeSource::Rim(RimElectrodes { width_m: *width_m, placement }));
             }
-            return Ok(SceneElectrodes::Placed(self.placed()?));
+            return Ok(ElectrodeSource::Placed(self.placed()?));
         }
         let placement = Placement::EquallySpaced {
             count: self.needed(keys.count, "electrodes.count", "electrodes")?,
@@ -151,14 +125,14 @@ impl Scene {
         };
         let widths = self.needed(keys.width_m.as_ref(), "electrodes.width_m", "electrodes")?;
         if let OneOrMany::One(width_m) = *widths {
-            return Ok(SceneElectrodes::Rim(RimElectrodes { width_m, placement }));
+            return Ok(ElectrodeSource::Rim(RimElectrodes { width_m, placement }));
         }
         // any one width will do for the centres, so none is given that could be refused
         let centres = RimElectrodes { width_m: 0.0, placement };
         let centres_m = centres.centres_m(&self.shape()?.outline()?)?;
         let widths = self.each("electrodes.width_m", Some(widths), centres_m.len())?;
         let placed = centres_m.iter().zip(widths);
-        Ok(SceneElectrodes::Placed(
+        Ok(ElectrodeSource::Placed(
             placed.map(|(&[x, y], width_m)| PlacedElectrode::rim([x, y, 0.0], width_m)).collect(),
         ))
     }
@@ -231,13 +205,18 @@ impl Scene {
         self.each(key, Some(values), electrodes)
     }
 
-    /// Plain or normalised difference: pairs are normalised, which cancels gains per channel;
-    /// general patterns have voltages near zero, which cannot be divided by.
-    pub fn difference_kind(&self, protocol: &Protocol) -> DifferenceKind {
-        self.reconstruction.difference.unwrap_or(match protocol.quadruples() {
-            Some(_) => DifferenceKind::Normalised,
-            None => DifferenceKind::Plain,
-        })
+    /// Number of electrodes; a mesh file is read for it.
+    pub fn electrode_count(&self) -> Result<usize, SkinError> {
+        let source = self.mesh(None)?;
+        match source.electrodes() {
+            Some(count) => Ok(count),
+            None => Ok(source.build()?.mesh.electrodes().len()),
+        }
+    }
+
+    /// Whether quadruples of a file are the protocol.
+    pub(crate) fn has_quadruples_file(&self) -> bool {
+        self.protocol.quadruples_file.is_some()
     }
 
     pub fn needed<T>(&self, value: Option<T>, key: &str, why: &str) -> Result<T, SkinError> {

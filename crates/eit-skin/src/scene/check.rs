@@ -2,7 +2,9 @@
 //!
 //! Shapes, electrodes and protocols are checked by the crates that build them.
 
-use super::{AccuracyKeys, Delta, ElementKeys, Hyperparameter, PriorKind, Rule, Scene, Shape};
+use super::{
+    Delta, ElementKind, Hyperparameter, PriorKind, RequiredAccuracyKey, Rule, Scene, Shape,
+};
 use crate::error::SkinError;
 use crate::method::Method;
 
@@ -11,7 +13,7 @@ const MOST_PIXELS: usize = 4096;
 
 impl Scene {
     /// Refuses what cannot be, and what would silently have no effect.
-    pub fn check(&self) -> Result<(), SkinError> {
+    pub(crate) fn check(&self) -> Result<(), SkinError> {
         self.check_numbers()
             .and_then(|()| self.check_tv())
             .and_then(|()| self.check_reactive())
@@ -20,6 +22,27 @@ impl Scene {
             .and_then(|()| self.required_accuracy().map(|_| ()))
             .and_then(|()| self.check_movement())
             .map_err(|e| e.within(&self.place))
+    }
+
+    /// Rejects settings of the stages behind the model that cannot work, before any work: touches,
+    /// method, weights of a net.
+    ///
+    /// # Errors
+    ///
+    /// The value and its key.
+    pub fn check_stages(&self) -> Result<(), SkinError> {
+        let settings = self.stage_settings();
+        settings.touch.validate().map_err(|e| e.within(&self.place))?;
+        crate::method::choose(&settings, None, None)?;
+        #[cfg(feature = "denoise")]
+        if let Some(denoise) = &settings.denoise {
+            let pixels = settings.reconstruction.pixels.unwrap_or(crate::skin::DEFAULT_PIXELS);
+            let fingerprint = &self.skin_fingerprint()?;
+            let target =
+                crate::denoise::NetTarget { fingerprint, pixels, sign: settings.touch.sign };
+            crate::denoise::Net::load(denoise, &target)?;
+        }
+        Ok(())
     }
 
     /// Electrodes that move, and what cannot be together with them.
@@ -34,7 +57,7 @@ impl Scene {
         } else if self.reconstruction.method.as_deref() == Some(absolute) {
             "method = \"gauss-newton-absolute\" exclude each other: movement is taken out of \
              differences, before a linear method; keep one"
-        } else if self.mesh.elements == Some(ElementKeys::Quadratic) {
+        } else if self.mesh.elements == Some(ElementKind::Quadratic) {
             "[mesh] elements = \"quadratic\" exclude each other: derivatives along displacements are \
              those of linear elements; keep one"
         } else {
@@ -86,7 +109,7 @@ impl Scene {
             let message = format!("recording.scale is {scale}: it must be finite and not zero");
             return Err(SkinError::input(message));
         }
-        if let Some(AccuracyKeys::Relative(value)) = self.mesh.required_accuracy
+        if let Some(RequiredAccuracyKey::Relative(value)) = self.mesh.required_accuracy
             && !(value > 0.0 && value < 1.0)
         {
             return Err(SkinError::input(format!(

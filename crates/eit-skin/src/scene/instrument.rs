@@ -2,6 +2,7 @@
 
 use super::Scene;
 use crate::error::SkinError;
+use eit_fem::Protocol;
 use eit_hw::codec::text::TextFormat;
 use eit_hw::driver::{
     Board, Driver, Eits1, Gain, PairWidth, Polarity, Range, Sciospec, SciospecSettings,
@@ -19,7 +20,7 @@ const DEFAULT_SCIOSPEC_HZ: f64 = 1e4;
 /// `[instrument]`
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct InstrumentKeys {
+pub struct InstrumentSettings {
     /// "eits1", "sciospec", "csv", or the name of a board.
     pub driver: String,
     pub port: Option<String>,
@@ -29,14 +30,14 @@ pub struct InstrumentKeys {
     pub frequency_hz: Option<f64>,
     pub gain: Option<u32>,
     pub range_v: Option<u32>,
-    pub pair_width: Option<PairWidthKey>,
-    pub polarity: Option<PolarityKey>,
+    pub pair_width: Option<PairWidthKind>,
+    pub polarity: Option<PolarityKind>,
 }
 
 /// `instrument.pair_width`
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum PairWidthKey {
+pub enum PairWidthKind {
     Byte,
     Word,
 }
@@ -44,7 +45,7 @@ pub enum PairWidthKey {
 /// `instrument.polarity`
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum PolarityKey {
+pub enum PolarityKind {
     Measured,
     AsListed,
     Reversed,
@@ -78,28 +79,36 @@ pub struct Instrument {
     /// Rate of the serial line.
     pub baud: u32,
     dtr: Option<bool>,
-    place: String,
+    /// The scene as it was named, for messages.
+    pub place: String,
 }
 
 impl Scene {
-    /// The instrument that the scene names, for its own skin and protocol.
+    /// The instrument that the scene names, for its own skin and protocol; meshes nothing that is
+    /// generated.
     pub fn instrument(&self) -> Result<Instrument, SkinError> {
-        self.instrument_inner().map_err(|e| e.within(&self.place))
+        let named = self.instrument_settings().map(|_| ());
+        let protocol = named.and_then(|()| self.protocol(self.electrode_count()?));
+        self.instrument_of(&protocol.map_err(|e| e.within(&self.place))?)
     }
 
-    fn instrument_inner(&self) -> Result<Instrument, SkinError> {
-        let keys = self.instrument.as_ref().ok_or_else(|| {
+    /// The same for a protocol that is there already.
+    pub(crate) fn instrument_of(&self, protocol: &Protocol) -> Result<Instrument, SkinError> {
+        self.instrument_inner(protocol).map_err(|e| e.within(&self.place))
+    }
+
+    fn instrument_settings(&self) -> Result<&InstrumentSettings, SkinError> {
+        self.instrument.as_ref().ok_or_else(|| {
             SkinError::input(
                 "has no [instrument]: add one, such as `[instrument]`, `driver = \"eits1\"`, \
                  `port = \"/dev/ttyACM0\"` (docs/SCENE.md)",
             )
-        })?;
-        let mesh = self.mesh(None)?;
-        let electrodes = match mesh.electrodes() {
-            Some(count) => count,
-            None => mesh.build()?.electrodes().len(),
-        };
-        let protocol = self.protocol(electrodes)?;
+        })
+    }
+
+    fn instrument_inner(&self, protocol: &Protocol) -> Result<Instrument, SkinError> {
+        let keys = self.instrument_settings()?;
+        let electrodes = protocol.electrodes();
         let quadruples = protocol.quadruples().map(<[_]>::to_vec).ok_or_else(|| {
             SkinError::input(
                 "[protocol] has general current patterns, which no driver sets up: use `drive`, \
@@ -133,7 +142,7 @@ impl Scene {
     }
 }
 
-impl InstrumentKeys {
+impl InstrumentSettings {
     fn kind(
         &self,
         electrodes: usize,
@@ -152,13 +161,13 @@ impl InstrumentKeys {
                     gain: self.gain()?,
                     range: self.range()?,
                     pair_width: match self.pair_width {
-                        None | Some(PairWidthKey::Byte) => PairWidth::Byte,
-                        Some(PairWidthKey::Word) => PairWidth::Word,
+                        None | Some(PairWidthKind::Byte) => PairWidth::Byte,
+                        Some(PairWidthKind::Word) => PairWidth::Word,
                     },
                     polarity: match self.polarity {
-                        None | Some(PolarityKey::Measured) => Polarity::Measured,
-                        Some(PolarityKey::AsListed) => Polarity::AsListed,
-                        Some(PolarityKey::Reversed) => Polarity::Reversed,
+                        None | Some(PolarityKind::Measured) => Polarity::Measured,
+                        Some(PolarityKind::AsListed) => Polarity::AsListed,
+                        Some(PolarityKind::Reversed) => Polarity::Reversed,
                     },
                     ..SciospecSettings::for_quadruples(electrodes, quadruples)
                 }))

@@ -1,27 +1,57 @@
-//! How a scene's mesh comes about.
+//! How a skin's mesh comes about.
 
 use crate::error::SkinError;
 use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, RimElectrodes, SkinShape};
 use std::path::{Path, PathBuf};
 
-/// Generated, or from a file.
-pub enum SceneMesh {
+/// What a skin's mesh is made of.
+#[derive(Debug, Clone, PartialEq)]
+pub enum MeshSource {
     /// Generated from a shape.
-    Generated { shape: SkinShape, electrodes: SceneElectrodes, settings: MeshSettings },
-    /// Read from a file, in units of `scale_m` metres; with electrodes put on it where it has none.
-    File { path: PathBuf, scale_m: f64, electrodes: Vec<PlacedElectrode>, settings: MeshSettings },
+    Generated {
+        /// Outline and holes, or a dome.
+        shape: SkinShape,
+        /// Places and sizes.
+        electrodes: ElectrodeSource,
+        /// Density, for the wanted number of nodes where one is stated.
+        settings: MeshSettings,
+        /// Density before a number of nodes was asked for.
+        base: MeshSettings,
+    },
+    /// Read from a file.
+    File {
+        /// Gmsh, STL or OBJ.
+        path: PathBuf,
+        /// Metres per unit of the file.
+        scale_m: f64,
+        /// Put on the surface where the file has none.
+        electrodes: Vec<PlacedElectrode>,
+        /// Density around electrodes that are put on.
+        settings: MeshSettings,
+    },
 }
 
-/// The electrodes that a scene describes.
-pub enum SceneElectrodes {
+/// The electrodes of a generated skin.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ElectrodeSource {
     /// All on the rim and of one width.
     Rim(RimElectrodes),
     /// Each at its place and of its size.
     Placed(Vec<PlacedElectrode>),
 }
 
-impl SceneElectrodes {
-    fn count(&self) -> usize {
+/// A mesh, and what was mended in the file that it came from.
+#[derive(Debug, Clone)]
+pub struct BuiltMesh {
+    /// The mesh.
+    pub mesh: Mesh,
+    /// One line for each repair.
+    pub notes: Vec<String>,
+}
+
+impl ElectrodeSource {
+    /// Number of electrodes.
+    pub fn count(&self) -> usize {
         match self {
             Self::Rim(electrodes) => electrodes.count(),
             Self::Placed(electrodes) => electrodes.len(),
@@ -29,11 +59,16 @@ impl SceneElectrodes {
     }
 }
 
-impl SceneMesh {
+impl MeshSource {
     /// A mesh file that brings its electrodes.
     pub fn file(path: &Path) -> Self {
         let (electrodes, settings) = (Vec::new(), MeshSettings::default());
         Self::File { path: path.to_path_buf(), scale_m: 1.0, electrodes, settings }
+    }
+
+    /// Whether it is a mesh file.
+    pub fn is_file(&self) -> bool {
+        matches!(self, Self::File { .. })
     }
 
     /// Number of electrodes, where it is known before meshing.
@@ -45,19 +80,68 @@ impl SceneMesh {
         }
     }
 
-    /// Generates or reads the mesh.
-    pub fn build(&self) -> Result<Mesh, SkinError> {
-        self.build_noted().map(|(mesh, _)| mesh)
+    /// The same skin with about so many nodes.
+    ///
+    /// # Errors
+    ///
+    /// A mesh file, whose nodes are what they are; electrodes that do not fit their rim.
+    pub fn with_nodes(&self, nodes: usize) -> Result<Self, SkinError> {
+        let Self::Generated { shape, electrodes, base, .. } = self else {
+            return Err(SkinError::input("--nodes is for generated meshes, not for files"));
+        };
+        let settings = match electrodes {
+            ElectrodeSource::Rim(rim) => base.for_nodes(shape, rim, nodes)?,
+            ElectrodeSource::Placed(placed) => base.for_nodes_placed(shape, placed, nodes)?,
+        };
+        let (shape, electrodes) = (shape.clone(), electrodes.clone());
+        Ok(Self::Generated { shape, electrodes, settings, base: base.clone() })
     }
 
-    /// The mesh, and what was mended in the file that it came from.
-    pub fn build_noted(&self) -> Result<(Mesh, Vec<String>), SkinError> {
-        let (path, scale_m, electrodes, settings) = match self {
-            Self::Generated { shape, electrodes: SceneElectrodes::Rim(rim), settings } => {
-                return Ok((eit_mesh::generate(shape, rim, settings)?, Vec::new()));
+    /// A mesh of the family that a mesh of required accuracy is chosen from
+    /// ([`MeshSettings::similar`]).
+    ///
+    /// # Errors
+    ///
+    /// A mesh file, or a mesh that cannot be generated.
+    pub fn similar(&self, scale: f64) -> Result<Mesh, SkinError> {
+        let Self::Generated { shape, electrodes, base, .. } = self else {
+            return Err(SkinError::input("a mesh file is one mesh, not a family"));
+        };
+        // the search has a limit of its own
+        let node_limit = MeshSettings::default().node_limit;
+        let settings = MeshSettings { node_limit, ..base.clone() };
+        Ok(match electrodes {
+            ElectrodeSource::Rim(rim) => {
+                let settings = settings.similar(shape, rim.width_m, scale)?;
+                eit_mesh::generate(shape, rim, &settings)?
             }
-            Self::Generated { shape, electrodes: SceneElectrodes::Placed(placed), settings } => {
-                return Ok((eit_mesh::generate_placed(shape, placed, settings)?, Vec::new()));
+            ElectrodeSource::Placed(placed) => {
+                let widths = placed.iter().map(PlacedElectrode::width_m);
+                let narrowest_m = widths.fold(f64::INFINITY, f64::min);
+                let settings = settings.similar(shape, narrowest_m, scale)?;
+                eit_mesh::generate_placed(shape, placed, &settings)?
+            }
+        })
+    }
+
+    /// Generates or reads the mesh.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be read, two sets of electrodes, or a mesh that cannot be generated.
+    pub fn build(&self) -> Result<BuiltMesh, SkinError> {
+        let whole = |mesh| BuiltMesh { mesh, notes: Vec::new() };
+        let (path, scale_m, electrodes, settings) = match self {
+            Self::Generated { shape, electrodes: ElectrodeSource::Rim(rim), settings, .. } => {
+                return Ok(whole(eit_mesh::generate(shape, rim, settings)?));
+            }
+            Self::Generated {
+                shape,
+                electrodes: ElectrodeSource::Placed(placed),
+                settings,
+                ..
+            } => {
+                return Ok(whole(eit_mesh::generate_placed(shape, placed, settings)?));
             }
             Self::File { path, scale_m, electrodes, settings } => {
                 (path, *scale_m, electrodes, settings)
@@ -69,7 +153,7 @@ impl SceneMesh {
         let notes = repairs.notes().into_iter().map(|n| format!("{}: {n}", path.display()));
         let notes = notes.collect();
         if electrodes.is_empty() {
-            return Ok((mesh, notes));
+            return Ok(BuiltMesh { mesh, notes });
         }
         let own = mesh.electrodes().len();
         if own > 0 {
@@ -78,6 +162,7 @@ impl SceneMesh {
                 path.display()
             )));
         }
-        Ok((eit_mesh::place_electrodes(mesh.surface(), electrodes, settings)?, notes))
+        let mesh = eit_mesh::place_electrodes(mesh.surface(), electrodes, settings)?;
+        Ok(BuiltMesh { mesh, notes })
     }
 }

@@ -9,18 +9,23 @@ mod builtin;
 mod check;
 mod instrument;
 mod mesh;
+mod mesh_choice;
 mod parse;
 mod protocol;
 mod reactive;
 mod reconstruction;
+mod series;
+mod settings;
 
 pub use builtin::NAMES as BUILT_IN;
-pub use instrument::{DriverKind, Instrument, InstrumentKeys};
-pub use mesh::{SceneElectrodes, SceneMesh};
+pub use instrument::{DriverKind, Instrument, InstrumentSettings};
+pub use mesh::{BuiltMesh, ElectrodeSource, MeshSource};
+pub use mesh_choice::{Accuracy, MeshChoice, element_words};
 pub use parse::from_toml;
 pub use reconstruction::{
-    Delta, DeltaRule, DifferenceKind, Hyperparameter, PriorKind, Reconstruction, Rule,
+    Delta, DeltaRule, DifferenceKind, Hyperparameter, PriorKind, ReconstructionSettings, Rule,
 };
+pub use settings::{FrameSettings, StageSettings, Symmetry};
 
 use crate::error::SkinError;
 use eit_fem::fabric::FabricSettings;
@@ -32,34 +37,34 @@ use std::path::{Path, PathBuf};
 #[serde(deny_unknown_fields)]
 pub struct Scene {
     /// Shape and background of the skin.
-    pub skin: Skin,
+    pub skin: SkinSettings,
     /// Electrodes on its rim; a mesh file brings its own.
     #[serde(default)]
-    pub electrodes: Electrodes,
+    pub electrodes: ElectrodeSettings,
     /// Stimulation and measurement.
     #[serde(default)]
-    pub protocol: ProtocolKeys,
+    pub protocol: ProtocolSettings,
     /// Mesh density.
     #[serde(default)]
-    pub mesh: MeshKeys,
+    pub mesh: MeshDensity,
     /// Recorded frames.
     #[serde(default)]
-    pub recording: Recording,
+    pub recording: RecordingSettings,
     /// Images.
     #[serde(default)]
-    pub reconstruction: Reconstruction,
+    pub reconstruction: ReconstructionSettings,
     /// Noise of the instrument.
     #[serde(default)]
-    pub noise: Noise,
+    pub noise: NoiseSettings,
     /// The simulated fabric of `eit simulate`.
     pub fabric: Option<FabricSettings>,
     /// Touches.
     #[serde(default)]
-    pub touch: TouchKeys,
+    pub touch: TouchSettings,
     /// U-net.
-    pub denoise: Option<DenoiseKeys>,
+    pub denoise: Option<DenoiseSettings>,
     /// Live instrument.
-    pub instrument: Option<InstrumentKeys>,
+    pub instrument: Option<InstrumentSettings>,
     /// Name for titles: the file's stem or the built-in name.
     #[serde(skip)]
     pub name: String,
@@ -74,7 +79,7 @@ pub struct Scene {
 /// `[skin]`
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Skin {
+pub struct SkinSettings {
     pub shape: Shape,
     pub radius_m: Option<f64>,
     pub width_m: Option<f64>,
@@ -104,7 +109,7 @@ pub enum Shape {
 /// `[electrodes]`
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Electrodes {
+pub struct ElectrodeSettings {
     pub count: Option<usize>,
     /// Length of rim; 0 in a list where the electrode is a patch.
     pub width_m: Option<OneOrMany>,
@@ -175,7 +180,7 @@ pub enum OneOrMany {
 /// `[protocol]`
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ProtocolKeys {
+pub struct ProtocolSettings {
     pub drive: Option<String>,
     pub measure: Option<String>,
     pub pairs: Option<Vec<Pair<u32>>>,
@@ -214,22 +219,22 @@ pub enum Order {
 /// `[mesh]`
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct MeshKeys {
+pub struct MeshDensity {
     pub edge_m: Option<f64>,
     pub electrode_edge_m: Option<f64>,
     pub grading: Option<f64>,
     pub nodes: Option<usize>,
     pub node_limit: Option<usize>,
     /// Left out: linear, or with `required_accuracy` the cheaper kind.
-    pub elements: Option<ElementKeys>,
+    pub elements: Option<ElementKind>,
     /// The mesh is chosen so that its voltages are as exact as this.
-    pub required_accuracy: Option<AccuracyKeys>,
+    pub required_accuracy: Option<RequiredAccuracyKey>,
 }
 
 /// `mesh.required_accuracy`: a part of the largest voltage, or "noise".
 #[derive(Debug, Clone, Deserialize)]
 #[serde(untagged, expecting = "a part of the largest voltage, or \"noise\"")]
-pub enum AccuracyKeys {
+pub enum RequiredAccuracyKey {
     Relative(f64),
     Rule(AccuracyRule),
 }
@@ -245,7 +250,7 @@ pub enum AccuracyRule {
 /// `mesh.elements`
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum ElementKeys {
+pub enum ElementKind {
     Linear,
     Quadratic,
 }
@@ -253,7 +258,7 @@ pub enum ElementKeys {
 /// `[recording]`
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Recording {
+pub struct RecordingSettings {
     pub file: Option<OneOrManyFiles>,
     pub format: Option<String>,
     pub frames_are: Option<FramesAre>,
@@ -308,23 +313,30 @@ pub enum Reference {
     Text(String),
 }
 
+impl Reference {
+    /// Whether a text names a file, not frames.
+    pub(crate) fn is_file(text: &str) -> bool {
+        let is_range = text
+            .split_once("..")
+            .is_some_and(|(from, to)| from.parse::<usize>().is_ok() && to.parse::<usize>().is_ok());
+        text != "mean" && !is_range && text.parse::<usize>().is_err()
+    }
+}
+
 /// `[noise]`
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Noise {
+pub struct NoiseSettings {
     /// Standard deviation of a voltage, volt.
     pub additive_v: Option<f64>,
     /// First and last frame of a part of the recording during which nothing touched the skin.
     pub quiet_frames: Option<Pair<usize>>,
-    /// Differences are white already, of standard deviation 1: electrodes that move were taken out.
-    #[serde(skip)]
-    pub white: bool,
 }
 
 /// `[touch]`
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct TouchKeys {
+pub struct TouchSettings {
     pub false_alarms_per_hour: Option<f64>,
     pub max_touches: Option<usize>,
     #[serde(default)]
@@ -349,7 +361,7 @@ pub enum TouchSign {
 /// `[denoise]`
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct DenoiseKeys {
+pub struct DenoiseSettings {
     /// "default", or a file of `eit train`.
     pub weights: String,
     /// Set to true to take the weights of another skin.
@@ -389,6 +401,11 @@ impl Scene {
                 e.utf8_error().valid_up_to()
             ))
         })
+    }
+
+    /// The scene as TOML: as it was written.
+    pub fn to_toml(&self) -> Result<String, SkinError> {
+        Self::text(&self.place)
     }
 
     /// What a net that was trained on this scene belongs to: checksum of skin, electrodes and

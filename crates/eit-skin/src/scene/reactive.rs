@@ -1,6 +1,6 @@
 //! Whether a scene stores charge, and its complex admittivity and contacts.
 
-use super::{ElementKeys, OneOrMany, Scene};
+use super::{ElementKind, OneOrMany, Scene};
 use crate::error::SkinError;
 use eit_fem::{Complex64, admittivity};
 
@@ -98,7 +98,7 @@ impl Scene {
                  stores charge takes mesh.nodes or edge_m",
             ));
         }
-        if self.is_reactive() && self.mesh.elements == Some(ElementKeys::Quadratic) {
+        if self.is_reactive() && self.mesh.elements == Some(ElementKind::Quadratic) {
             return Err(SkinError::input(
                 "mesh.elements is \"quadratic\": skins that store charge are solved on linear \
                  elements only",

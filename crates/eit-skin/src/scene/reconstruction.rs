@@ -5,14 +5,14 @@ use serde::Deserialize;
 /// `[reconstruction]`
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Reconstruction {
+pub struct ReconstructionSettings {
     pub method: Option<String>,
     pub pixels: Option<usize>,
     /// Time that an image may take, seconds: what is not stated is chosen for it.
     pub frame_time_s: Option<f64>,
-    /// The method is not the scene's word but was chosen for that time.
+    /// The method was chosen for `frame_time_s`.
     #[serde(skip)]
-    pub chosen_in_time: bool,
+    pub(crate) is_chosen_in_time: bool,
     pub prior: Option<PriorKind>,
     pub correlation_length_m: Option<f64>,
     pub hyperparameter: Option<Hyperparameter>,
@@ -37,7 +37,7 @@ pub struct Reconstruction {
     pub deadline_s: Option<f64>,
 }
 
-impl Reconstruction {
+impl ReconstructionSettings {
     /// Keys present that only the total variation methods read.
     pub fn keys_of_tv(&self) -> impl Iterator<Item = &'static str> {
         let keys = [

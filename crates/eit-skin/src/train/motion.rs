@@ -73,7 +73,8 @@ impl Fingers {
 pub fn script(
     random: &mut Random,
     circle: &PlayCircle,
-    (frames, fingers): (usize, Fingers),
+    frames: usize,
+    fingers: Fingers,
 ) -> TouchScript {
     let count = fingers.draw(random);
     let mut script = TouchScript {

@@ -1,17 +1,19 @@
 //! Sequences of a real skin, whose truth nobody knows: wanted images by the paper's rule.
 
 use super::motion::Random;
-use super::workshop::Bench;
+use super::sequences::Shared;
 use super::{HELD_OUT, is_held_out};
 use crate::error::SkinError;
-use crate::frames::{self, Frames, QuietFrames};
+use crate::frames::{Frames, QuietFrames};
 use crate::progress::Progress;
-use crate::scene::{Scene, TouchSign};
+use crate::scene::TouchSign;
+use crate::skin::Skin;
 use eit_denoise::{ImageStack, MeasurementOrder, Shard, ThresholdRule};
 use ndarray::{Array2, Axis};
 use std::path::PathBuf;
 
 /// Recordings, each against the reference of the scene.
+#[derive(Debug)]
 pub struct Recorded {
     names: Vec<String>,
     recordings: Vec<Frames>,
@@ -25,15 +27,13 @@ const LEAST_FRAMES: usize = 2 * HELD_OUT;
 impl Recorded {
     /// Reads all of them, before any work.
     pub fn new(
-        bench: &Bench<'_>,
-        (files, count): (&[PathBuf], usize),
+        shared: &Shared,
+        files: &[PathBuf],
+        count: usize,
         progress: &mut Progress,
     ) -> Result<Self, SkinError> {
-        let chain = &bench.chain;
-        let read = |file: &PathBuf| {
-            let files = std::slice::from_ref(file);
-            frames::load(bench.scene, &chain.setup.protocol, files, None)
-        };
+        let skin = &shared.chain.linearised.skin;
+        let read = |file: &PathBuf| skin.read_frames(std::slice::from_ref(file), None);
         let recordings = progress.stage("read recordings", || {
             files.iter().map(read).collect::<Result<Vec<_>, SkinError>>()
         })?;
@@ -51,7 +51,7 @@ impl Recorded {
     }
 
     /// What the pairs depend on beside the chain.
-    pub fn recipe(&self, scene: &Scene) -> String {
+    pub fn recipe(&self, skin: &Skin) -> String {
         let frames = |(name, frames): (&String, &Frames)| {
             let mut bytes = Vec::new();
             let quiet = frames.quiet.iter().flat_map(|quiet| &quiet.values);
@@ -66,8 +66,8 @@ impl Recorded {
             "recorded: {}, {:?}, {:?}, {:?}",
             list.join(", "),
             ThresholdRule::default(),
-            scene.noise,
-            scene.touch.sign
+            skin.settings.noise,
+            skin.settings.touch.sign
         )
     }
 
@@ -92,19 +92,25 @@ impl Recorded {
     }
 
     /// A sequence by its number: recordings as they are, then turned again and again.
-    pub fn sequence(&self, bench: &Bench<'_>, index: usize) -> Result<Shard, SkinError> {
+    pub fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
         let recording = self.frames(index);
-        let mut random = Random::new(bench.seed, index, 0);
-        let turned = match bench.symmetries.is_empty() || index < self.recordings.len() {
+        let mut random = Random::new(shared.seed, index, 0);
+        let turned = match shared.symmetries.is_empty() || index < self.recordings.len() {
             true => recording,
-            false => {
-                turned(&recording, &bench.symmetries[random.choice(bench.symmetries.len())].1)?
-            }
+            false => turned(
+                &recording,
+                &shared.symmetries[random.choice(shared.symmetries.len())].order,
+            )?,
         };
-        let chained = bench.chain.reconstruct_frames(turned)?;
-        let mut data = bench.data(&chained)?;
-        let sign = if bench.scene.touch.sign == TouchSign::Decrease { -1.0 } else { 1.0 };
-        let mask = bench.chain.raster.mask();
+        let chained = shared.chain.reconstruct_frames(turned)?;
+        let mut data = shared.data(&chained)?;
+        let sign = if shared.chain.linearised.skin.settings.touch.sign == TouchSign::Decrease {
+            -1.0
+        } else {
+            1.0
+        };
+        let raster = shared.chain.linearised.raster(&mut Progress::silent())?;
+        let mask = raster.mask();
         let raw = ImageStack::new(chained.images.mapv(|v| sign * v), mask.clone())?;
         let wanted = ThresholdRule::default().on(mask.view())?.apply(&raw)?;
         if let Some(data) = &mut data {

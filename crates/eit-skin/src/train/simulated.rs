@@ -2,11 +2,11 @@
 
 use super::BaseRequest;
 use super::motion::{Fingers, MOST, QUIET, RECIPE, Random, fabric, script};
-use super::workshop::Bench;
+use super::sequences::{Shared, TurnedOrder};
+use crate::denoise::Lengths;
 use crate::error::SkinError;
-use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
-use crate::scene::{Scene, Shape};
+use crate::skin::Skin;
 use eit_denoise::{ImageStack, Shard};
 use eit_fem::FemError;
 use eit_fem::fabric::{Fabric, PlayCircle, Simulation, SimulationSettings};
@@ -21,16 +21,17 @@ const FINE: usize = 2;
 const ATTEMPTS: usize = 8;
 
 /// What simulates, and what is simulated.
+#[derive(Debug)]
 pub struct Simulated {
     frames: usize,
     fingers: Fingers,
-    simulating: Setup,
+    simulating: Skin,
     fine: Raster,
 }
 
 impl Simulated {
     /// Checks what was asked for, before any work; frames of a sequence and quiet ones among them.
-    pub fn lengths(args: &BaseRequest, scene: &Scene) -> Result<(usize, usize), SkinError> {
+    pub fn lengths(args: &BaseRequest, skin: &Skin) -> Result<Lengths, SkinError> {
         if args.frames < QUIET + 10 {
             return Err(SkinError::input(format!(
                 "--frames {}: at least {}, of which {QUIET} are quiet",
@@ -41,45 +42,43 @@ impl Simulated {
         if let Some(count) = args.fingers.filter(|count| !(1..=MOST).contains(count)) {
             return Err(SkinError::input(format!("--fingers {count}: 1 to {MOST}")));
         }
-        if scene.skin.shape == Shape::Mesh {
+        if skin.source.is_file() {
             return Err(SkinError::input(
                 "a skin from a mesh file has no second mesh to simulate on: learn from recordings \
                  of it (--recording)",
             ));
         }
-        Ok((args.frames, QUIET))
+        Ok(Lengths { frames: args.frames, quiet: QUIET })
     }
 
     /// Meshes the skin a second time.
     pub fn new(
-        scene: &Scene,
+        skin: &Skin,
         args: &BaseRequest,
         pixels: usize,
         progress: &mut Progress,
     ) -> Result<Self, SkinError> {
         let fingers = args.fingers.map_or(Fingers::Any, Fingers::Always);
-        let simulating = pipeline::setup(scene, None, Some(NODES), progress)?;
+        let simulating = skin.with_nodes(NODES, progress)?;
         let fine = Raster::new(simulating.mesh.surface(), FINE * pixels)?;
         Ok(Self { frames: args.frames, fingers, simulating, fine })
     }
 
     /// What the pairs depend on beside the chain.
-    pub fn recipe(&self, scene: &Scene) -> String {
+    pub fn recipe(&self, skin: &Skin) -> String {
         format!(
             "{} frames, simulated on {NODES} nodes, {RECIPE}, fingers {:?}, {:?}",
-            self.frames,
-            self.fingers,
-            scene.fabric.clone().unwrap_or_default(),
+            self.frames, self.fingers, skin.fabric,
         )
     }
 
     /// A sequence by its number.
-    pub fn sequence(&self, bench: &Bench<'_>, index: usize) -> Result<Shard, SkinError> {
+    pub fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
         let mut last = SkinError::Failure("no script was tried".to_owned());
         for attempt in 0..ATTEMPTS {
-            let mut random = Random::new(bench.seed, index, attempt);
-            match self.simulate(bench, &mut random, index)? {
-                Ok(made) => return self.pairs(bench, &mut random, made),
+            let mut random = Random::new(shared.seed, index, attempt);
+            match self.simulate(shared, &mut random, index)? {
+                Ok(made) => return self.pairs(shared, &mut random, made),
                 Err(error) => last = SkinError::from(error),
             }
         }
@@ -89,19 +88,23 @@ impl Simulated {
     /// Simulates a drawn script on a drawn fabric; the inner error is one that another draw mends.
     fn simulate(
         &self,
-        bench: &Bench<'_>,
+        shared: &Shared,
         random: &mut Random,
         index: usize,
     ) -> Result<Result<Simulation, FemError>, SkinError> {
         let mesh = &self.simulating.mesh;
-        let settings = fabric(random, &bench.scene.fabric.clone().unwrap_or_default());
-        let script = script(random, &PlayCircle::of(mesh), (self.frames, self.fingers));
-        let impedance = bench.scene.contact_impedance(mesh.electrodes().len())?;
-        let conductivity_s = bench.scene.skin.conductivity_s;
-        let protocol = &self.simulating.protocol;
-        let fabric = Fabric::new(mesh, protocol, conductivity_s, &impedance, &settings)?;
+        let settings = fabric(random, &self.simulating.fabric);
+        let script = script(random, &PlayCircle::of(mesh), self.frames, self.fingers);
+        let skin = &self.simulating;
+        let fabric = Fabric::new(
+            mesh,
+            &skin.protocol,
+            skin.conductivity_s,
+            &skin.contact_impedance,
+            &settings,
+        )?;
         // noise and weave must not repeat from sequence to sequence
-        let seed = bench.seed.wrapping_mul(1_000_003).wrapping_add(index as u64);
+        let seed = shared.seed.wrapping_mul(1_000_003).wrapping_add(index as u64);
         let how = SimulationSettings { seed, threads: 1, keep_elements: false };
         match fabric.simulate(&script, &self.fine, &how, &mut |_| {}) {
             Ok(made) => Ok(Ok(made)),
@@ -117,31 +120,32 @@ impl Simulated {
     /// Raw images of the frames and the truth, both turned by a symmetry of the skin.
     fn pairs(
         &self,
-        bench: &Bench<'_>,
+        shared: &Shared,
         random: &mut Random,
         made: Simulation,
     ) -> Result<Shard, SkinError> {
         let mut values = made.frames_v;
         let mut to_old = [[1.0, 0.0], [0.0, 1.0]];
-        if !bench.symmetries.is_empty() {
-            let (symmetry, order) = &bench.symmetries[random.choice(bench.symmetries.len())];
+        if !shared.symmetries.is_empty() {
+            let TurnedOrder { symmetry, order } =
+                &shared.symmetries[random.choice(shared.symmetries.len())];
             for mut row in values.rows_mut() {
                 let frame = row.to_vec();
                 let mut turned = vec![0.0; frame.len()];
                 order.apply_into(&frame, &mut turned)?;
                 row.assign(&ndarray::ArrayView1::from(&turned));
             }
-            let [[a, b], [c, d]] = bench.matrix(*symmetry);
+            let [[a, b], [c, d]] = shared.matrix(*symmetry);
             // the inverse of a turn or mirror image is its transpose
             to_old = [[a, c], [b, d]];
         }
-        let chained = bench.chain.reconstruct(&values)?;
-        let (data, raw) = (bench.data(&chained)?, chained.images);
-        let raster = &bench.chain.raster;
+        let chained = shared.chain.reconstruct(&values)?;
+        let (data, raw) = (shared.data(&chained)?, chained.images);
+        let raster = shared.chain.linearised.raster(&mut Progress::silent())?;
         let fine = &made.truth.conductivity_change_s;
         let mask = raster.mask();
         let wanted = Array3::from_shape_fn(raw.dim(), |(f, r, c)| match mask[[r, c]] {
-            true => self.true_mean(fine.index_axis(Axis(0), f), (raster, [r, c]), to_old),
+            true => self.true_mean(fine.index_axis(Axis(0), f), raster, [r, c], to_old),
             false => f64::NAN,
         });
         let stack = |images| ImageStack::new(images, mask.clone());
@@ -153,7 +157,8 @@ impl Simulated {
     fn true_mean(
         &self,
         fine: ArrayView2<'_, f64>,
-        (raster, [row, column]): (&Raster, [usize; 2]),
+        raster: &Raster,
+        [row, column]: [usize; 2],
         to_old: [[f64; 2]; 2],
     ) -> f64 {
         let [x, y] = raster.centre_m(row, column);

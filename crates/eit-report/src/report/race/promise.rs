@@ -12,7 +12,7 @@ use eit_skin::pipeline::{self, tv};
 use eit_skin::plan::expected::Expected;
 use eit_skin::plan::sequence::Sequence;
 use eit_skin::plan::stages;
-use eit_skin::scene::{DenoiseKeys, Rule, Scene};
+use eit_skin::scene::{DenoiseSettings, Rule, Scene};
 use ndarray::Array2;
 use std::time::Instant;
 
@@ -44,7 +44,7 @@ pub(super) fn of(
     scene.noise.additive_v = Some(first.simulated.noise_std_v);
     if is_fabric {
         let weights = "default".to_owned();
-        scene.denoise = Some(DenoiseKeys { weights, any_skin: false });
+        scene.denoise = Some(DenoiseSettings { weights, any_skin: false });
     }
     let own = method::choose(&scene, None, Some(first.truth.nrows()))?.method;
     let methods = [own, Method::GaussNewton];

@@ -1,42 +1,55 @@
 //! `reconstruction.frame_time_s`: what the scene leaves open is chosen for the time of a frame.
 
-use super::{BOUNDED, Measured, STREAM, Table, best, nearest};
+use super::{BOUNDED, Budget, Measured, STREAM, Table, best, nearest};
 use crate::error::SkinError;
+use crate::linearised::LinearisedSkin;
 use crate::method::Method;
-use crate::pipeline::{DEFAULT_PIXELS, Setup};
-use crate::scene::{Hyperparameter, Rule, Scene};
+use crate::scene::{Hyperparameter, ReconstructionSettings, Rule, StageSettings};
+use crate::skin::{DEFAULT_PIXELS, Skin};
 
 /// Times that a frame may take that reports and plans tell of, seconds.
 pub const BUDGETS_S: [f64; 3] = [1e-2, 1e-3, 1e-4];
 
-/// Settings that the scene leaves open, chosen for the least error within its `frame_time_s`; the
-/// scene as it is without that key. `live`: only what gives an image before the next frame comes.
-///
-/// The table's own times count, so that a scene is the same on every machine.
-pub fn in_time(
-    scene: Scene,
-    setup: &Setup,
-    (frames, live): (Option<usize>, bool),
+impl LinearisedSkin {
+    /// Settings that the skin's leave open, chosen for the least error within its `frame_time_s`; the
+    /// skin as it is without that key. `is_live`: only what gives an image before the next frame comes.
+    ///
+    /// The table's own times count, so that a skin is the same on every machine.
+    ///
+    /// # Errors
+    ///
+    /// Nothing that the settings allow is so fast.
+    pub fn in_frame_time(self, frames: Option<usize>, is_live: bool) -> Result<Self, SkinError> {
+        let voltages = self.voltages.to_vec();
+        let settings = in_frame_time(&self.skin, frames, is_live, &voltages)?;
+        Ok(self.with_reconstruction(settings))
+    }
+}
+
+/// [`LinearisedSkin::in_frame_time`] of a skin whose untouched voltages are known.
+pub(crate) fn in_frame_time(
+    skin: &Skin,
+    frames: Option<usize>,
+    is_live: bool,
     voltages: &[f64],
-) -> Result<Scene, SkinError> {
-    let Some(budget_s) = scene.reconstruction.frame_time_s else { return Ok(scene) };
-    let nearest = nearest(&scene, setup, frames, voltages);
+) -> Result<ReconstructionSettings, SkinError> {
+    let mut keys = skin.settings.reconstruction.clone();
+    let Some(time_s) = keys.frame_time_s else { return Ok(keys) };
+    let nearest = nearest(skin, frames, voltages);
     let table = Table::load()?;
-    let rows = table.of_scene(nearest.scene).filter(|row| suits(&scene, row));
-    let Some((row, method)) = best(rows, (budget_s, live)).and_then(|r| Some((r, method(r)?)))
-    else {
+    let rows = table.of_scene(nearest.scene).filter(|row| suits(&skin.settings, row));
+    let budget = Budget { time_s, is_live };
+    let Some((row, method)) = best(rows, budget).and_then(|r| Some((r, method(r)?))) else {
         return Err(SkinError::input(format!(
-            "reconstruction.frame_time_s is {budget_s}: nothing that the scene allows was so fast \
+            "reconstruction.frame_time_s is {time_s}: nothing that the scene allows was so fast \
              on {} ({}), the built-in scene most like this one",
             nearest.scene, nearest.why
         ))
-        .within(&scene.place));
+        .within(&skin.place));
     };
-    let mut made = scene.clone();
-    let keys = &mut made.reconstruction;
     if keys.method.is_none() {
         keys.method = Some(method.name().to_owned());
-        keys.chosen_in_time = true;
+        keys.is_chosen_in_time = true;
     }
     if row.rule == "gcv" && keys.hyperparameter.is_none() {
         keys.hyperparameter = Some(Hyperparameter::Rule(Rule::Gcv));
@@ -45,7 +58,7 @@ pub fn in_time(
     if method.is_tv() {
         keys.target_gap = keys.target_gap.or(row.target_gap);
     }
-    Ok(made)
+    Ok(keys)
 }
 
 /// What a scene file would call it; `None` for what it cannot say (a net, a peer).
@@ -56,13 +69,14 @@ fn method(row: &Measured) -> Option<Method> {
 
 /// Whether a scene may be reconstructed as a row was: what the scene states comes first, total
 /// variation needs the noise, and a bound belongs to scenes that state it.
-pub fn suits(scene: &Scene, row: &Measured) -> bool {
+pub(crate) fn suits(settings: &StageSettings, row: &Measured) -> bool {
     let Some(method) = method(row) else { return false };
-    let keys = &scene.reconstruction;
+    let keys = &settings.reconstruction;
     let bounded = keys.lower_s.is_some_and(|lower| lower >= 0.0);
     let of_method = match method.is_tv() {
         true => {
-            let noise = scene.noise.additive_v.is_some() || scene.noise.quiet_frames.is_some();
+            let noise =
+                settings.noise.additive_v.is_some() || settings.noise.quiet_frames.is_some();
             noise
                 && bounded == row.solver.contains(BOUNDED)
                 && keys.keys_of_gauss_newton().next().is_none()
@@ -80,7 +94,7 @@ pub fn suits(scene: &Scene, row: &Measured) -> bool {
         None => true,
     };
     // a net belongs to its number of pixels
-    let wanted = keys.pixels.or(scene.denoise.as_ref().map(|_| DEFAULT_PIXELS));
+    let wanted = keys.pixels.or(settings.denoise.as_ref().map(|_| DEFAULT_PIXELS));
     let pixels = wanted.is_none_or(|n| row.pixels.is_none_or(|own| own == n));
     let gap = keys.target_gap.is_none_or(|gap| row.target_gap == Some(gap));
     let stated = keys.method.as_deref().is_none_or(|name| name == method.name());

@@ -1,8 +1,7 @@
 //! Which built-in scene is most like another.
 
 use crate::method::Method;
-use crate::pipeline::Setup;
-use crate::scene::{OneOrMany, Scene};
+use crate::skin::Skin;
 
 /// Where contact impedances lie so far apart, scenes are like `stiff-contact`.
 const STIFF: f64 = 1e4;
@@ -21,27 +20,26 @@ pub struct Nearest {
 }
 
 /// The built-in scene that is most like this one. `voltages` are those of the untouched skin.
-pub fn nearest(scene: &Scene, setup: &Setup, frames: Option<usize>, voltages: &[f64]) -> Nearest {
+pub fn nearest(skin: &Skin, frames: Option<usize>, voltages: &[f64]) -> Nearest {
     let found = |scene, why: &str| Nearest { scene, why: why.to_owned() };
-    let electrodes = setup.protocol.electrodes();
-    if setup.protocol.quadruples().is_none() {
+    let electrodes = skin.protocol.electrodes();
+    if skin.protocol.quadruples().is_none() {
         return found("general-32", "currents on more than two electrodes");
     }
     if electrodes >= MANY {
         return found("general-32", &format!("{electrodes} electrodes"));
     }
-    if let Some(OneOrMany::Many(impedances)) = &scene.electrodes.contact_impedance_ohm_m {
-        let least = impedances.iter().copied().fold(f64::INFINITY, f64::min);
-        if impedances.iter().any(|z| *z > STIFF * least) {
-            return found("stiff-contact", "contact impedances far apart");
-        }
+    let impedances = &skin.contact_impedance;
+    let least = impedances.iter().copied().fold(f64::INFINITY, f64::min);
+    if impedances.iter().any(|z| *z > STIFF * least) {
+        return found("stiff-contact", "contact impedances far apart");
     }
     // nets are trained on the fabric; the noise of a fabric does not tell how its electrodes move
-    if scene.denoise.is_some() {
+    if skin.settings.denoise.is_some() {
         return found("paper-fabric", "it has [denoise]");
     }
-    let keys = &scene.reconstruction;
-    if keys.upper_s.is_some_and(|upper| upper >= HIGH * scene.skin.conductivity_s) {
+    let keys = &skin.settings.reconstruction;
+    if keys.upper_s.is_some_and(|upper| upper >= HIGH * skin.conductivity_s) {
         return found("high-contrast", "upper_s allows a multiple of the conductivity");
     }
     let frame_by_frame = keys.method.as_deref() == Some(Method::Tv.name());
@@ -51,7 +49,7 @@ pub fn nearest(scene: &Scene, setup: &Setup, frames: Option<usize>, voltages: &[
         _ => {}
     }
     let rms = (voltages.iter().map(|v| v * v).sum::<f64>() / voltages.len() as f64).sqrt();
-    match scene.noise.additive_v.map(|noise| 20.0 * (rms / noise).log10()) {
+    match skin.settings.noise.additive_v.map(|noise| 20.0 * (rms / noise).log10()) {
         Some(db) if db < POOR_DB => found("paper-disc-40", &format!("noise at {db:.0} dB")),
         Some(db) => found("paper-disc-60", &format!("noise at {db:.0} dB")),
         None => found("paper-disc-60", "its noise is not stated in volt"),

@@ -11,7 +11,7 @@ use crate::error::ReportError;
 use crate::simulate::{Finger, MovieSettings, TouchMovie};
 use eit_fem::{Elements, ForwardModel};
 use eit_mesh::{Contact, Mesh, MeshSettings, SkinShape};
-use eit_skin::scene::{Scene, SceneElectrodes, SceneMesh};
+use eit_skin::scene::{Scene, ElectrodeSource, MeshSource};
 
 /// How a family is refined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,12 +63,12 @@ pub(super) struct Sheet {
 impl Sheet {
     pub fn new(skin: &Skin) -> Result<Self, ReportError> {
         let scene = Scene::load(skin.scene)?;
-        let SceneMesh::Generated { shape, electrodes, .. } = scene.mesh(None)? else {
+        let MeshSource::Generated { shape, electrodes, .. } = scene.mesh(None)? else {
             return Err(ReportError::input(format!("{}: a file has one mesh only", skin.scene)));
         };
         let (electrode_m, has_patches) = match &electrodes {
-            SceneElectrodes::Rim(rim) => (rim.width_m, false),
-            SceneElectrodes::Placed(placed) => {
+            ElectrodeSource::Rim(rim) => (rim.width_m, false),
+            ElectrodeSource::Placed(placed) => {
                 placed.iter().fold((f64::INFINITY, false), |(least, has), e| match e.contact {
                     Contact::Rim { width_m } => (least.min(width_m), has),
                     Contact::Patch { radius_m } => (least.min(2.0 * radius_m), true),
@@ -127,8 +127,8 @@ impl Sheet {
     pub fn mesh(&self, settings: &MeshSettings) -> Result<Mesh, ReportError> {
         let settings = settings.clone();
         let made = match self.scene.mesh(None)? {
-            SceneMesh::Generated { shape, electrodes, .. } => {
-                SceneMesh::Generated { shape, electrodes, settings }
+            MeshSource::Generated { shape, electrodes, .. } => {
+                MeshSource::Generated { shape, electrodes, settings }
             }
             file => file,
         };

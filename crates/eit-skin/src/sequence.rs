@@ -1,9 +1,9 @@
 //! The classical methods that take a sequence of frames, on the elements of the mesh.
 
-use super::{Linearised, Setup};
 use crate::error::SkinError;
+use crate::linearised::LinearisedSkin;
 use crate::method::Method;
-use crate::scene::Scene;
+use crate::skin::Skin;
 use eit_inverse::baseline::{
     AbsoluteGaussNewton, AbsoluteSettings, KalmanSettings, KalmanSmoother, OneStep, TimePrior,
     TimePriorSettings,
@@ -20,8 +20,7 @@ const ROOM: f64 = 0.01;
 /// variation, which work on pixels.
 pub fn method<'a>(
     method: Method,
-    scene: &Scene,
-    (setup, linearised): (&'a Setup, &Linearised),
+    linearised: &'a LinearisedSkin,
     prior: &'a dyn Prior,
     settings: DifferenceSettings,
 ) -> Result<Option<Box<dyn MovieMethod + 'a>>, SkinError> {
@@ -39,17 +38,22 @@ pub fn method<'a>(
             Box::new(KalmanSmoother::new(jacobian, prior, &settings)?)
         }
         Method::GaussNewtonAbsolute => {
-            let bounds_s = bounds_s(scene);
+            let bounds_s = bounds_s(&linearised.skin);
             let settings = AbsoluteSettings { difference, bounds_s, ..Default::default() };
-            let background = vec![scene.skin.conductivity_s; setup.model.elements()];
-            Box::new(AbsoluteGaussNewton::new(&setup.model, &background, prior, settings)?)
+            let background = linearised.skin.background_s();
+            Box::new(AbsoluteGaussNewton::new(
+                &linearised.skin.model,
+                &background,
+                prior,
+                settings,
+            )?)
         }
     }))
 }
 
 /// Bounds of the conductivity from those of its change.
-fn bounds_s(scene: &Scene) -> Option<[f64; 2]> {
-    let (keys, background) = (&scene.reconstruction, scene.skin.conductivity_s);
+fn bounds_s(skin: &Skin) -> Option<[f64; 2]> {
+    let (keys, background) = (&skin.settings.reconstruction, skin.conductivity_s);
     if keys.lower_s.is_none() && keys.upper_s.is_none() {
         return None;
     }

@@ -1,6 +1,6 @@
 //! What a trained net is worth on sequences that it did not learn from.
 
-use super::workshop::Workshop;
+use super::sequences::Sequences;
 use crate::denoise::{Scores, scores};
 use crate::error::SkinError;
 use eit_denoise::{Denoiser, Evidence, ImageStack, Misfit, Shard, ThresholdRule, Weights};
@@ -40,9 +40,9 @@ pub fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, 
 pub fn misfit_limit(
     weights: &Weights,
     held_out: &[Shard],
-    workshop: &Workshop<'_>,
+    sequences: &Sequences,
 ) -> Result<Option<f64>, SkinError> {
-    let jacobian = workshop.pixel_jacobian()?;
+    let jacobian = sequences.pixel_jacobian()?;
     let mut known: Vec<Misfit> = Vec::new();
     let peak = |image: ArrayView2<'_, f32>| image.iter().fold(0.0_f32, |most, v| v.max(most));
     let wanted = || held_out.iter().flat_map(|shard| shard.wanted.outer_iter());

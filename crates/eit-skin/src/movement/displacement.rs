@@ -1,23 +1,23 @@
 //! Which way electrodes may go, and what that does to the voltages.
 
 use crate::error::SkinError;
-use crate::pipeline::Setup;
 use crate::progress::Progress;
+use crate::skin::Skin;
 use eit_fem::{Displacement, ElectrodeMotion};
 use eit_mesh::{Electrode, Mesh, Surface};
 use ndarray::Array2;
 
 /// Derivative of the background's voltages along the displacements of electrodes, [measurement,
 /// displacement], volt per metre.
-pub fn jacobian(
+pub(crate) fn jacobian(
     background: &[f64],
-    setup: &Setup,
+    skin: &Skin,
     progress: &mut Progress,
 ) -> Result<Array2<f64>, SkinError> {
     progress.stage("electrode movement", || {
-        let displacements = displacements(&setup.mesh)?;
-        let mut workspace = setup.model.workspace()?;
-        let mut solution = setup.solve(background, &mut workspace)?;
+        let displacements = displacements(&skin.mesh)?;
+        let mut workspace = skin.model.workspace()?;
+        let mut solution = skin.solve(background, &mut workspace)?;
         Ok(solution.movement_jacobian(&displacements)?)
     })
 }

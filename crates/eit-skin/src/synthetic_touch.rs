@@ -1,6 +1,6 @@
-//! A touch that is to be expected: what is chosen by it needs no recording.
+//! A synthetic touch, for choosing weights without a recording.
 
-use super::noise::DataNoise;
+use crate::noise::DataNoise;
 use ndarray::{Array1, Array2};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;

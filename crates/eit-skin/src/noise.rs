@@ -2,7 +2,7 @@
 
 use crate::error::SkinError;
 use crate::frames::{Frames, QuietFrames};
-use crate::scene::Scene;
+use crate::linearised::FittedFrames;
 use eit_inverse::{DifferenceData, noise_std_of_quiet_frames};
 use ndarray::Array2;
 
@@ -96,43 +96,44 @@ fn root_mean_square(values: &Array2<f64>, good: &Array2<bool>, unit: impl Fn(usi
     if count > 0.0 { (sum / count).sqrt() } else { 0.0 }
 }
 
-/// The noise that the scene states, else that of its quiet frames; `None` where it is unknown.
-///
-/// `gain` is the factor between the model's voltages and the reference's: it scales the division of
-/// normalised data. A difference has the noise of its frame and `1 / k` of that variance from a
-/// reference that is the mean of `k` frames.
-pub fn known(
-    scene: &Scene,
-    frames: &Frames,
-    (data, gain): (&DifferenceData, f64),
-) -> Result<Option<DataNoise>, SkinError> {
-    if scene.noise.white {
-        return Ok(Some(DataNoise {
-            std: vec![1.0; frames.used.len()],
-            reference_frames: frames.reference_frames.max(1),
-            source: "that of the frames, with the movement of electrodes".to_owned(),
-            model_error: 1.0,
-        }));
-    }
-    if let Some(additive_v) = scene.noise.additive_v {
-        let mut std = data.noise_std(&vec![additive_v; frames.used.len()])?;
-        if matches!(data, DifferenceData::Normalised { .. }) {
-            std.iter_mut().for_each(|e| *e /= gain.abs());
+impl DataNoise {
+    /// The noise that the settings state, else that of the quiet frames; `None` where it is unknown.
+    ///
+    /// The gain between the model's voltages and the reference's scales the division of normalised
+    /// data. A difference has the noise of its frame and `1 / k` of that variance from a reference
+    /// that is the mean of `k` frames.
+    pub(crate) fn known(fitted: &FittedFrames) -> Result<Option<Self>, SkinError> {
+        let FittedFrames { skin, frames, fit } = fitted;
+        if skin.is_white {
+            return Ok(Some(Self {
+                std: vec![1.0; frames.used.len()],
+                reference_frames: frames.reference_frames.max(1),
+                source: "that of the frames, with the movement of electrodes".to_owned(),
+                model_error: 1.0,
+            }));
         }
-        let source = format!("{additive_v:e} V in a voltage, from the scene");
-        return Ok(Some(DataNoise::new(std, frames, source)));
-    }
-    let Some(quiet) = &frames.quiet else { return Ok(None) };
-    match measured(quiet, frames, data) {
-        Ok(std) => {
-            let source = format!("measured on {}", quiet.source);
-            Ok(Some(DataNoise::new(std, frames, source)))
+        let data = skin.difference_data();
+        let keys = &skin.skin.settings.noise;
+        if let Some(additive_v) = keys.additive_v {
+            let mut std = data.noise_std(&vec![additive_v; frames.used.len()])?;
+            if matches!(data, DifferenceData::Normalised { .. }) {
+                std.iter_mut().for_each(|e| *e /= fit.gain.abs());
+            }
+            let source = format!("{additive_v:e} V in a voltage, from the scene");
+            return Ok(Some(Self::new(std, frames, source)));
         }
-        Err(error) if scene.noise.quiet_frames.is_some() => {
-            Err(SkinError::from(error).within("noise.quiet_frames"))
+        let Some(quiet) = &frames.quiet else { return Ok(None) };
+        match measured(quiet, frames, &data) {
+            Ok(std) => {
+                let source = format!("measured on {}", quiet.source);
+                Ok(Some(Self::new(std, frames, source)))
+            }
+            Err(error) if keys.quiet_frames.is_some() => {
+                Err(SkinError::from(error).within("noise.quiet_frames"))
+            }
+            // nobody said that the frames of the reference show noise
+            Err(_) => Ok(None),
         }
-        // nobody said that the frames of the reference show noise
-        Err(_) => Ok(None),
     }
 }
 

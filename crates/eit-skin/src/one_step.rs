@@ -1,19 +1,21 @@
 //! One-step difference images, and what the methods on elements share: prior, data, lambda.
 
-use super::{DEFAULT_NOISE_FIGURE, Linearised, Setup, check_images, difference_data, raster};
 use crate::error::SkinError;
 use crate::frames::Frames;
+use crate::linearised::FittedFrames;
 use crate::progress::Progress;
-use crate::scene::{DifferenceKind, Hyperparameter, PriorKind, Rule, Scene};
+use crate::scene::{DifferenceKind, Hyperparameter, Rule};
+use crate::skin::check_images;
 use eit_denoise::ImageStack;
-use eit_inverse::{
-    Chosen, Difference, DifferenceSettings, Gaussian, GaussianSettings, HyperparameterChoice,
-    Laplace, LaplaceSettings, NoiseTarget, Noser, Prior, Tikhonov,
-};
+use eit_inverse::{Chosen, Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget};
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView1, Axis};
 
+/// Noise figure where nothing is stated: the image is as noisy as the data.
+pub const DEFAULT_NOISE_FIGURE: f64 = 1.0;
+
 /// A reconstruction ready for frames.
+#[derive(Debug)]
 pub struct Imaging {
     /// On elements.
     pub difference: Difference,
@@ -27,65 +29,59 @@ pub struct Imaging {
     pub kind: DifferenceKind,
 }
 
-/// The scene's prior.
-pub fn prior(scene: &Scene, setup: &Setup) -> Result<Box<dyn Prior + Send + Sync>, SkinError> {
-    let surface = setup.mesh.surface();
-    let length = scene.reconstruction.correlation_length_m;
-    Ok(match scene.reconstruction.prior.unwrap_or(PriorKind::Laplace) {
-        PriorKind::Tikhonov => Box::new(Tikhonov::new(surface)),
-        PriorKind::Noser => Box::new(Noser::default()),
-        PriorKind::Laplace => {
-            let settings = LaplaceSettings { correlation_length_m: length };
-            Box::new(Laplace::new(surface, &settings)?)
-        }
-        PriorKind::Gaussian => {
-            Box::new(Gaussian::new(surface, &GaussianSettings { length_m: length })?)
-        }
-    })
+impl FittedFrames {
+    /// The one-step reconstruction that the settings ask for.
+    ///
+    /// # Errors
+    ///
+    /// Those of the reconstruction and of the choice of its hyperparameter.
+    pub fn one_step(&self, progress: &mut Progress) -> Result<Imaging, SkinError> {
+        let settings = self.one_step_settings()?;
+        let prior = self.skin.prior()?;
+        let mut difference = progress.stage("reconstruction matrix", || {
+            Difference::new(&self.skin.jacobian, prior.as_ref(), settings)
+        })?;
+        let found = progress.stage("hyperparameter", || choose(self, &mut difference))?;
+        let raster = self.skin.raster(progress)?.clone();
+        let (chosen, rule) = (found.chosen, found.rule);
+        Ok(Imaging { difference, chosen, rule, raster, kind: self.skin.difference_kind() })
+    }
+
+    /// Data, weights and channels; lambda is the default.
+    ///
+    /// # Errors
+    ///
+    /// Those of the difference data.
+    pub fn one_step_settings(&self) -> Result<DifferenceSettings, SkinError> {
+        let data = self.skin.difference_data();
+        let skin = &self.skin.skin;
+        let stated = match self.skin.is_white {
+            true => None,
+            false => skin.settings.noise.additive_v,
+        };
+        let additive = stated.map(|e| vec![e; skin.protocol.measurements()]);
+        let noise_std = additive.map(|noise_std_v| data.noise_std(&noise_std_v)).transpose()?;
+        let used = Some(self.frames.used.clone());
+        Ok(DifferenceSettings { data, noise_std, used, ..Default::default() })
+    }
 }
 
-/// Computes the reconstruction of a scene for frames.
-pub fn imaging(
-    scene: &Scene,
-    setup: &Setup,
-    linearised: &Linearised,
-    frames: &Frames,
-    progress: &mut Progress,
-) -> Result<Imaging, SkinError> {
-    let kind = scene.difference_kind(&setup.protocol);
-    let settings = settings(scene, setup, linearised, &frames.used)?;
-    let prior = prior(scene, setup)?;
-    let mut difference = progress.stage("reconstruction matrix", || {
-        Difference::new(&linearised.jacobian, prior.as_ref(), settings)
-    })?;
-    let (chosen, rule) = progress
-        .stage("hyperparameter", || choose(scene, setup, linearised, frames, &mut difference))?;
-    let raster = raster(scene, setup, progress)?;
-    Ok(Imaging { difference, chosen, rule, raster, kind })
+/// A hyperparameter and the rule that chose it, in words.
+#[derive(Debug, Clone)]
+pub struct ChosenBy {
+    /// The choice.
+    pub chosen: Chosen,
+    /// The rule.
+    pub rule: String,
 }
 
-/// Data, weights and channels; lambda is the default.
-pub fn settings(
-    scene: &Scene,
-    setup: &Setup,
-    linearised: &Linearised,
-    used: &[bool],
-) -> Result<DifferenceSettings, SkinError> {
-    let data = difference_data(scene.difference_kind(&setup.protocol), linearised);
-    let additive = scene.noise.additive_v.map(|e| vec![e; setup.protocol.measurements()]);
-    let noise_std = additive.map(|noise_std_v| data.noise_std(&noise_std_v)).transpose()?;
-    Ok(DifferenceSettings { data, noise_std, used: Some(used.to_vec()), ..Default::default() })
-}
-
-/// Chooses the hyperparameter by the scene's rule; the rule in words.
-pub fn choose(
-    scene: &Scene,
-    setup: &Setup,
-    linearised: &Linearised,
-    frames: &Frames,
+/// Chooses the hyperparameter by the rule of the settings.
+pub(crate) fn choose(
+    fitted: &FittedFrames,
     difference: &mut Difference,
-) -> Result<(Chosen, String), SkinError> {
-    let keys = &scene.reconstruction;
+) -> Result<ChosenBy, SkinError> {
+    let FittedFrames { skin: linearised, frames, .. } = fitted;
+    let keys = &linearised.skin.settings.reconstruction;
     let target;
     let figure = keys.noise_figure.unwrap_or(DEFAULT_NOISE_FIGURE);
     let default = Hyperparameter::Rule(Rule::NoiseFigure);
@@ -105,7 +101,7 @@ pub fn choose(
             (HyperparameterChoice::Fixed(*value), "fixed by the scene".to_owned())
         }
         Hyperparameter::Rule(Rule::NoiseFigure) => {
-            target = NoiseTarget::central(setup.mesh.surface(), &linearised.jacobian)?;
+            target = NoiseTarget::central(linearised.skin.mesh.surface(), &linearised.jacobian)?;
             let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
             (choice, format!("noise figure {figure}"))
         }
@@ -117,7 +113,7 @@ pub fn choose(
             "generalised cross-validation".into(),
         ),
     };
-    Ok((difference.choose_hyperparameter(&choice)?, words))
+    Ok(ChosenBy { chosen: difference.choose_hyperparameter(&choice)?, rule: words })
 }
 
 impl Imaging {

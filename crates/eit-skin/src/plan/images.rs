@@ -5,17 +5,19 @@ use super::rates::{
     PRODUCT_FLOPS_PER_S, READ_BYTES_PER_S, TV_FLOPS_PER_S, TV_ITERATIONS, TV_LANES, TV_PASSES,
     TV_TRIAL_FRAMES, TV_TRIALS,
 };
-use super::{Sizes, Stage};
-use crate::pipeline::DEFAULT_NOISE_FIGURE;
-use crate::pipeline::tv::DEFAULT_TARGET_GAP;
-use crate::plan::sequence::Sequence;
-use crate::scene::{DifferenceKind, Hyperparameter, Rule, Scene};
+use super::sequence::Sequence;
+use super::sizes::Sizes;
+use super::stage::Stage;
+use crate::one_step::DEFAULT_NOISE_FIGURE;
+use crate::scene::{DifferenceKind, Hyperparameter, Rule};
+use crate::skin::Skin;
+use crate::total_variation::DEFAULT_TARGET_GAP;
 
 impl Sizes<'_> {
     /// The one-step matrix and its hyperparameter.
     pub fn matrix(&self) -> Stage {
         let (m, n, rank) = (self.measurements, self.elements, self.directions);
-        let scene = self.scene;
+        let skin = self.skin;
         let products_flops = m * m * n + 2.0 * m * n * rank;
         let decomposition = 4.0 * m * rank * rank;
         Stage {
@@ -26,7 +28,7 @@ impl Sizes<'_> {
             time_s: PRIOR_ENTRY_S * m * n
                 + products_flops / PRODUCT_FLOPS_PER_S
                 + decomposition / DECOMPOSITION_FLOPS_PER_S,
-            why: hyperparameter_words(scene),
+            why: hyperparameter_words(skin),
         }
     }
 
@@ -34,14 +36,14 @@ impl Sizes<'_> {
     pub fn frame(&self) -> Stage {
         let (pixels, rank) = (self.pixels, self.rank);
         let image = 2.0 * self.directions * (self.measurements + self.skin_pixels);
-        let (scene, setup) = (self.scene, self.setup);
+        let skin = self.skin;
         Stage {
             name: "each frame",
             size: format!("{pixels} x {pixels} pixels, rank {rank} at most"),
             flops: image,
             bytes: 4.0 * image,
             time_s: 4.0 * image / READ_BYTES_PER_S,
-            why: match scene.difference_kind(&setup.protocol) {
+            why: match skin.difference_kind() {
                 DifferenceKind::Normalised => {
                     "normalised difference: gains of channels cancel".to_owned()
                 }
@@ -89,7 +91,7 @@ impl Sizes<'_> {
         let count = sequence.solved().unwrap_or(ASSUMED_FRAMES);
         // the kernels work on eight frames at once
         let iteration = |frames: usize| 4.0 * n * rank * frames.next_multiple_of(TV_LANES) as f64;
-        let gap = self.scene.reconstruction.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
+        let gap = self.skin.settings.reconstruction.target_gap.unwrap_or(DEFAULT_TARGET_GAP);
         let (iterations, whence) = match self.measured {
             Some(row) => (row.iterations, format!("as on {}", row.scene)),
             None => (TV_ITERATIONS, "a guess".to_owned()),
@@ -112,7 +114,7 @@ impl Sizes<'_> {
             Sequence::Frames(count) => format!("{count} frames"),
             Sequence::Still(count) => format!("the mean of {count} frames"),
         };
-        let keys = &self.scene.reconstruction;
+        let keys = &self.skin.settings.reconstruction;
         let mut stages = vec![Stage {
             name: "Jacobian of pixels",
             size: format!("[{m}, {n}], rank {} at most", self.rank),
@@ -157,8 +159,8 @@ impl Sizes<'_> {
     }
 }
 
-fn hyperparameter_words(scene: &Scene) -> String {
-    let keys = &scene.reconstruction;
+fn hyperparameter_words(skin: &Skin) -> String {
+    let keys = &skin.settings.reconstruction;
     match &keys.hyperparameter {
         None | Some(Hyperparameter::Rule(Rule::NoiseFigure)) => {
             let figure = keys.noise_figure.unwrap_or(DEFAULT_NOISE_FIGURE);

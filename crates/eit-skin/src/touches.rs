@@ -1,14 +1,14 @@
 //! Touches of a recording: one-step images above a noise floor, followed over time, against a
 //! reference that follows drift.
 
-use super::imaging::{prior, settings};
-use super::movement::{self, TakenOut, Whitening};
-use super::noise::{self, DataNoise};
-use super::{Imaging, Linearised, Setup, check_images, difference_data, raster};
 use crate::error::SkinError;
-use crate::frames::Frames;
+use crate::linearised::FittedFrames;
+use crate::movement::{self, TakenOut, Whitening};
+use crate::noise::DataNoise;
+use crate::one_step::DEFAULT_NOISE_FIGURE;
 use crate::progress::Progress;
-use crate::scene::{DifferenceKind, Scene, TouchSign};
+use crate::scene::{DifferenceKind, TouchSettings, TouchSign};
+use crate::skin::check_images;
 use eit_inverse::metrics::{Cells, ChangeSign};
 use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
@@ -21,10 +21,22 @@ use ndarray::{ArrayView3, Axis};
 /// Frames a second where nobody says.
 const DEFAULT_RATE_HZ: f64 = 20.0;
 
+/// A touch of a frame.
+#[derive(Debug, Clone, Copy)]
+pub struct TouchRow {
+    /// Number of the frame, from 0.
+    pub frame: usize,
+    /// Its time, seconds.
+    pub time_s: f64,
+    /// The touch.
+    pub touch: Touch,
+}
+
 /// Touches of all frames, and what they rest on.
+#[derive(Debug, Clone)]
 pub struct Touches {
-    /// Frame (from 0), its time in seconds, a touch of it.
-    pub rows: Vec<(usize, f64, Touch)>,
+    /// One row for each touch of each frame.
+    pub rows: Vec<TouchRow>,
     /// Where a touch begins, in standard deviations of the image.
     pub threshold: f64,
     /// Independent cells of the image at that level.
@@ -40,14 +52,14 @@ pub struct Touches {
 impl Touches {
     /// How many different ones.
     pub fn count(&self) -> usize {
-        self.rows.iter().filter(|row| row.2.state == TouchState::Begin).count()
+        self.rows.iter().filter(|row| row.touch.state == TouchState::Begin).count()
     }
 
     /// Most at once.
     pub fn most(&self) -> usize {
-        let frames = self.rows.chunk_by(|a, b| a.0 == b.0);
-        let alive = |rows: &[(usize, f64, Touch)]| {
-            rows.iter().filter(|row| row.2.state != TouchState::End).count()
+        let frames = self.rows.chunk_by(|a, b| a.frame == b.frame);
+        let alive = |rows: &[TouchRow]| {
+            rows.iter().filter(|row| row.touch.state != TouchState::End).count()
         };
         frames.map(alive).max().unwrap_or(0)
     }
@@ -55,7 +67,7 @@ impl Touches {
     /// Places seen from +z of each frame's valid touches, metres.
     pub fn marks(&self, frames: usize) -> Vec<Vec<[f64; 2]>> {
         let mut marks = vec![Vec::new(); frames];
-        for (frame, _, touch) in self.rows.iter().filter(|row| row.2.valid) {
+        for TouchRow { frame, touch, .. } in self.rows.iter().filter(|row| row.touch.valid) {
             marks[*frame].push([touch.position_m[0], touch.position_m[1]]);
         }
         marks
@@ -67,14 +79,13 @@ impl Touches {
 /// and its floor is well above the noise of a net's images. `None` where the noise of the data is
 /// unknown. `gain` as in [`noise::known`].
 pub fn touches(
-    scene: &Scene,
-    (setup, linearised): (&Setup, &Linearised),
-    (frames, gain): (&Frames, f64),
+    fitted: &FittedFrames,
     denoised: Option<ArrayView3<'_, f64>>,
     progress: &mut Progress,
 ) -> Result<Option<Touches>, SkinError> {
+    let frames = &fitted.frames;
     let rate_hz = frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
-    let finder = TouchFinder::new(scene, (setup, linearised), (frames, gain), rate_hz, progress)?;
+    let finder = TouchFinder::new(fitted, rate_hz, progress)?;
     let Some(mut finder) = finder else { return Ok(None) };
     check_images(frames.values.nrows(), &finder.raster)?;
     progress.stage("touches", || {
@@ -96,7 +107,7 @@ pub fn touches(
                 None => None,
             };
             let found = finder.find(denoised, time_s)?;
-            rows.extend(found.iter().map(|touch| (frame, time_s, *touch)));
+            rows.extend(found.iter().map(|&touch| TouchRow { frame, time_s, touch }));
         }
         Ok(Some(Touches {
             rows,
@@ -110,6 +121,7 @@ pub fn touches(
 }
 
 /// Finds touches frame by frame, recorded or live.
+#[derive(Debug)]
 pub struct TouchFinder {
     /// Pixels of the images.
     pub raster: Raster,
@@ -128,25 +140,27 @@ pub struct TouchFinder {
 }
 
 impl TouchFinder {
-    /// For frames like these, at this rate; `None` where their noise is unknown. `gain` as in
-    /// [`noise::known`].
+    /// For frames like these, at this rate; `None` where their noise is unknown.
+    ///
+    /// # Errors
+    ///
+    /// Settings that no finder can be made with.
     pub fn new(
-        scene: &Scene,
-        (setup, linearised): (&Setup, &Linearised),
-        (frames, gain): (&Frames, f64),
+        fitted: &FittedFrames,
         rate_hz: f64,
         progress: &mut Progress,
     ) -> Result<Option<Self>, SkinError> {
-        let kind = scene.difference_kind(&setup.protocol);
-        let data = difference_data(kind, linearised);
-        let Some(noise) = noise::known(scene, frames, (&data, gain))? else { return Ok(None) };
-        let models = (setup, linearised);
-        let (imaging, side) = detector(scene, models, (frames, &noise), progress)?;
-        let settings = stream_settings(scene, rate_hz);
-        let reconstructor = imaging.difference.on_raster(imaging.raster.pixel_from_element())?;
+        let FittedFrames { skin, frames, .. } = fitted;
+        let kind = skin.difference_kind();
+        let Some(noise) = fitted.noise()? else { return Ok(None) };
+        let Detector { difference, side } = Detector::new(fitted, &noise, progress)?;
+        let raster = skin.raster(progress)?.clone();
+        let keys = &skin.skin.settings.touch;
+        let settings = stream_settings(keys, rate_hz);
+        let reconstructor = difference.on_raster(raster.pixel_from_element())?;
         let std = if side.is_some() { vec![1.0; noise.std.len()] } else { noise.std.clone() };
         let floor = NoiseFloor::of_reconstruction(&reconstructor, &std)?;
-        let cells = Cells::of_raster_on(&imaging.raster, setup.mesh.surface())?;
+        let cells = Cells::of_raster_on(&raster, skin.skin.mesh.surface())?;
         let false_alarms_per_hour = settings.false_alarms_per_hour;
         Ok(Some(Self {
             noise_source: noise.source.clone(),
@@ -154,13 +168,13 @@ impl TouchFinder {
             whitening: side.map(|side| Whitening::new(side, kind, &frames.used)),
             workspace: reconstructor.workspace(),
             stream: TouchStream::new(cells, floor, settings)?,
-            drift: Drift::new(scene, kind, frames, &noise)?,
-            pixels: vec![0.0; imaging.raster.masked_pixels().len()],
+            drift: Drift::new(fitted, &noise)?,
+            pixels: vec![0.0; raster.masked_pixels().len()],
             bad: Vec::new(),
             touched: false,
             false_alarms_per_hour,
             reconstructor,
-            raster: imaging.raster,
+            raster,
         }))
     }
 
@@ -223,14 +237,21 @@ impl TouchFinder {
     }
 }
 
-/// Refuses a scene whose `[touch]` cannot be, before any work.
-pub fn check(scene: &Scene) -> Result<(), SkinError> {
-    let refuse = |e| SkinError::input(format!("touch: {e}")).within(&scene.place);
-    stream_settings(scene, DEFAULT_RATE_HZ).validate().map_err(refuse)?;
-    reference_settings(scene).map_or(Ok(()), |settings| settings.validate().map_err(refuse))
+impl TouchSettings {
+    /// Rejects settings that no touch can be found with, before any work.
+    ///
+    /// # Errors
+    ///
+    /// The value and its key.
+    pub fn validate(&self) -> Result<(), SkinError> {
+        let refuse = |e| SkinError::input(format!("touch: {e}"));
+        stream_settings(self, DEFAULT_RATE_HZ).validate().map_err(refuse)?;
+        reference_settings(self).map_or(Ok(()), |settings| settings.validate().map_err(refuse))
+    }
 }
 
 /// The reference that drifts with the skin, over the used measurements.
+#[derive(Debug)]
 struct Drift {
     /// `None`: it stands still.
     adaptive: Option<AdaptiveReference>,
@@ -242,12 +263,9 @@ struct Drift {
 }
 
 impl Drift {
-    fn new(
-        scene: &Scene,
-        kind: DifferenceKind,
-        frames: &Frames,
-        noise: &DataNoise,
-    ) -> Result<Self, SkinError> {
+    fn new(fitted: &FittedFrames, noise: &DataNoise) -> Result<Self, SkinError> {
+        let FittedFrames { skin, frames, .. } = fitted;
+        let kind = skin.difference_kind();
         let used: Vec<usize> = (0..frames.used.len()).filter(|&i| frames.used[i]).collect();
         let values: Vec<f64> = used.iter().map(|&i| frames.reference[i]).collect();
         let unit = |&i: &usize| match kind {
@@ -255,7 +273,7 @@ impl Drift {
             DifferenceKind::Normalised => noise.std[i] * frames.reference[i].abs(),
         };
         let std: Vec<f64> = used.iter().map(unit).collect();
-        let adaptive = reference_settings(scene)
+        let adaptive = reference_settings(&skin.skin.settings.touch)
             .map(|settings| AdaptiveReference::with_noise(&values, &std, settings))
             .transpose()?;
         Ok(Self { adaptive, used, values, reference: frames.reference.clone() })
@@ -274,48 +292,51 @@ impl Drift {
 }
 
 /// `None` where `touch.drift_time_s` is 0: the reference stands still.
-fn reference_settings(scene: &Scene) -> Option<ReferenceSettings> {
+fn reference_settings(keys: &TouchSettings) -> Option<ReferenceSettings> {
     let default = ReferenceSettings::default();
-    let time_constant_s = scene.touch.drift_time_s.unwrap_or(default.time_constant_s);
+    let time_constant_s = keys.drift_time_s.unwrap_or(default.time_constant_s);
     (time_constant_s != 0.0).then_some(ReferenceSettings { time_constant_s, ..default })
 }
 
 /// One-step reconstruction weighted by the noise, at noise figure 1: an image as noisy as its data.
 /// Where electrodes move, that is taken out first, and the prior stays.
-fn detector(
-    scene: &Scene,
-    (setup, linearised): (&Setup, &Linearised),
-    (frames, noise): (&Frames, &DataNoise),
-    progress: &mut Progress,
-) -> Result<(Imaging, Option<SideUnknowns>), SkinError> {
-    let kind = scene.difference_kind(&setup.protocol);
-    let mut settings = settings(scene, setup, linearised, &frames.used)?;
-    settings.noise_std = Some(noise.std.clone());
-    let prior = prior(scene, setup)?;
-    let (difference, chosen, side) = progress.stage("detector of touches", || {
-        let mut difference = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
-        let target = NoiseTarget::central(setup.mesh.surface(), &linearised.jacobian)?;
-        let figure = super::DEFAULT_NOISE_FIGURE;
-        let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
-        let chosen = difference.choose_hyperparameter(&choice)?;
-        let (models, of_noise) = ((setup, linearised), (noise, &frames.used[..]));
-        let taken = movement::take_out(scene, models, of_noise, Some(&difference))?;
-        let Some(TakenOut { side, linearised, .. }) = taken else {
-            return Ok((difference, chosen, None));
-        };
-        let used = Some(frames.used.clone());
-        let settings = DifferenceSettings { used, ..Default::default() };
-        let mut left = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
-        left.set_prior_of(&difference)?;
-        Ok::<_, SkinError>((left, chosen, Some(side)))
-    })?;
-    let raster = raster(scene, setup, progress)?;
-    let rule = "noise figure 1".to_owned();
-    Ok((Imaging { difference, chosen, rule, raster, kind }, side))
+struct Detector {
+    difference: Difference,
+    /// Takes the movement of electrodes out of differences.
+    side: Option<SideUnknowns>,
 }
 
-fn stream_settings(scene: &Scene, frame_rate_hz: f64) -> TouchStreamSettings {
-    let (keys, default) = (&scene.touch, TouchStreamSettings::default());
+impl Detector {
+    fn new(
+        fitted: &FittedFrames,
+        noise: &DataNoise,
+        progress: &mut Progress,
+    ) -> Result<Self, SkinError> {
+        let FittedFrames { skin, frames, .. } = fitted;
+        let mut settings = fitted.one_step_settings()?;
+        settings.noise_std = Some(noise.std.clone());
+        let prior = skin.prior()?;
+        progress.stage("detector of touches", || {
+            let mut difference = Difference::new(&skin.jacobian, prior.as_ref(), settings)?;
+            let target = NoiseTarget::central(skin.skin.mesh.surface(), &skin.jacobian)?;
+            let figure = DEFAULT_NOISE_FIGURE;
+            let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
+            difference.choose_hyperparameter(&choice)?;
+            let taken = movement::take_out(skin, noise, &frames.used, Some(&difference))?;
+            let Some(TakenOut { side, linearised, .. }) = taken else {
+                return Ok(Self { difference, side: None });
+            };
+            let used = Some(frames.used.clone());
+            let settings = DifferenceSettings { used, ..Default::default() };
+            let mut left = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
+            left.set_prior_of(&difference)?;
+            Ok::<_, SkinError>(Self { difference: left, side: Some(side) })
+        })
+    }
+}
+
+fn stream_settings(keys: &TouchSettings, frame_rate_hz: f64) -> TouchStreamSettings {
+    let default = TouchStreamSettings::default();
     TouchStreamSettings {
         sign: match keys.sign {
             TouchSign::Increase => ChangeSign::Increase,

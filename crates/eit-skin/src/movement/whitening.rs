@@ -5,7 +5,8 @@ use crate::scene::DifferenceKind;
 use eit_inverse::SideUnknowns;
 
 /// Takes the movement of electrodes out of a frame.
-pub struct Whitening {
+#[derive(Debug)]
+pub(crate) struct Whitening {
     side: SideUnknowns,
     kind: DifferenceKind,
     used: Vec<usize>,

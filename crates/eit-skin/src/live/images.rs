@@ -1,18 +1,20 @@
-//! The scene's movie, frame by frame: total variation over a window, then the net.
+//! Images frame by frame: total variation over a window, then the net.
 
-use crate::denoise::{LiveNet, Net};
+use super::LiveModel;
+use crate::denoise::LiveNet;
 use crate::error::SkinError;
-use crate::frames::Frames;
+use crate::linearised::FittedFrames;
 use crate::method::Method;
-use crate::pipeline::tv;
-use crate::pipeline::{Linearised, Setup, movement};
+use crate::movement;
 use crate::progress::Progress;
-use crate::scene::{DifferenceKind, Scene};
+use crate::scene::DifferenceKind;
+use crate::total_variation::WINDOW;
 use eit_inverse::{InverseError, SideUnknowns, StTvStream};
 use eit_mesh::Raster;
 
 /// What makes the images of an epoch; nothing in it depends on a clock.
-pub struct Movie {
+#[derive(Debug)]
+pub struct LiveImages {
     kind: DifferenceKind,
     words: String,
     /// Takes the movement of electrodes out of differences for the window.
@@ -28,12 +30,12 @@ pub struct Movie {
     used: Vec<bool>,
     raw: Vec<f64>,
     made: Vec<f64>,
-    state: State,
+    state: ImageState,
 }
 
 /// How the image at hand came about.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct State {
+pub struct ImageState {
     /// Proven relative distance of the window to its optimum, and iterations; `None`: one step, or
     /// nothing but noise.
     pub gap: Option<f64>,
@@ -47,64 +49,64 @@ pub struct State {
     pub is_lost: bool,
 }
 
-impl Movie {
-    /// For frames like these; `gain` is the factor from the model's voltages to the reference's.
-    pub fn new(
-        (scene, method, net): (&Scene, Method, Option<&Net>),
-        (setup, linearised, raster): (&Setup, &Linearised, &Raster),
-        given: (&Frames, f64),
-    ) -> Result<Self, SkinError> {
-        let models = (setup, linearised, raster);
+impl LiveImages {
+    /// For frames like these.
+    ///
+    /// # Errors
+    ///
+    /// Those of the method and the net.
+    pub fn new(model: &LiveModel, fitted: &FittedFrames) -> Result<Self, SkinError> {
+        let (method, skin) = (model.method, &fitted.skin);
         let mut silent = Progress::silent();
         let freed = match method.is_tv() {
-            true => movement::free(scene, method, (setup, linearised), given, &mut silent)?,
+            true => fitted.without_movement(method, &mut silent)?,
             false => None,
         };
-        let window = match (method.is_tv(), &freed) {
-            (false, _) => None,
-            (true, None) => Some(tv::stream(scene, method, models, given)?),
-            (true, Some(freed)) => {
-                let models = (setup, &freed.linearised, raster);
-                Some(tv::stream(&freed.scene, method, models, (&freed.frames, given.1))?)
-            }
+        let left = freed.as_ref().map_or(fitted, |freed| &freed.fitted);
+        let window = match method.is_tv() {
+            false => None,
+            true => Some(left.tv_stream(method, &mut silent)?),
         };
-        let is_whole = scene.reconstruction.electrode_movement_m.is_some();
+        let movement_m = skin.skin.settings.reconstruction.electrode_movement_m;
         let mut words = match (method, &window) {
             (Method::StTv, Some(tv)) => {
-                format!("st-tv over the last {} frames, {}", tv::WINDOW, tv.words())
+                format!("st-tv over the last {} frames, {}", WINDOW, tv.words())
             }
             (_, Some(tv)) => format!("total variation of each frame, {}", tv.words()),
             (_, None) => "one-step Gauss-Newton, noise figure 1".to_owned(),
         };
-        if let Some(movement_m) = scene.reconstruction.electrode_movement_m {
+        if let Some(movement_m) = movement_m {
             words += &format!(", {}", movement::words(movement_m));
         }
-        if net.is_some() {
+        if model.net.is_some() {
             words += ", U-net";
         }
-        let net = net.map(|net| LiveNet::new(net, scene, models, given)).transpose()?;
+        let net = model.net.as_ref().map(|net| LiveNet::new(net, fitted)).transpose()?;
+        let raster = skin.raster(&mut silent)?.clone();
+        let used = fitted.frames.used.clone();
         let pixels = raster.masked_pixels().len();
         Ok(Self {
-            kind: scene.difference_kind(&setup.protocol),
+            kind: skin.difference_kind(),
             words,
             side: freed.map(|freed| freed.side),
-            is_whole,
+            is_whole: movement_m.is_some(),
             window: window.map(|tv| tv.stream),
             net,
-            raster: raster.clone(),
-            differences: vec![0.0; given.0.used.len()],
-            good: given.0.used.clone(),
-            used: given.0.used.clone(),
+            raster,
+            differences: vec![0.0; used.len()],
+            good: used.clone(),
+            used,
             raw: vec![0.0; pixels],
             made: vec![0.0; pixels],
-            state: State::default(),
+            state: ImageState::default(),
         })
     }
 
     /// Takes a frame; `one_step` is its image by the detector of touches.
     pub fn push(
         &mut self,
-        (values, reference): (&[f64], &[f64]),
+        values: &[f64],
+        reference: &[f64],
         is_good: impl Fn(usize) -> bool,
         one_step: &[f64],
     ) -> Result<(), SkinError> {
@@ -116,7 +118,7 @@ impl Movie {
                 (true, DifferenceKind::Normalised) => (values[i] - reference[i]) / reference[i],
             };
         }
-        self.state = State::default();
+        self.state = ImageState::default();
         let mut of_used = self.used.iter().zip(&self.good);
         self.state.is_lost = self.is_whole && of_used.any(|(used, good)| *used && !*good);
         if let Some(side) = &self.side {
@@ -173,7 +175,7 @@ impl Movie {
     }
 
     /// How it came about.
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> ImageState {
         self.state
     }
 }

@@ -1,6 +1,6 @@
 //! The frames of a sequence that need a solve: not quiet, and one for all where they are alike.
 
-use super::noise::DataNoise;
+use crate::noise::DataNoise;
 use eit_inverse::InverseError;
 use ndarray::{Array1, Array2, Axis};
 

@@ -1,23 +1,23 @@
 //! Total variation: its Jacobian on pixels, its weights, and the frames that need no solve.
 
-mod live;
+mod part;
+mod stream;
 
-pub use live::{WINDOW, stream};
+pub use stream::{TvStream, WINDOW};
 
-use super::noise::DataNoise;
-use super::part::Part;
-use super::{Linearised, Setup};
 use crate::error::SkinError;
-use crate::frames::Frames;
+use crate::linearised::FittedFrames;
 use crate::method::Method;
+use crate::noise::DataNoise;
 use crate::progress::Progress;
-use crate::scene::{Delta, DeltaRule, DifferenceKind, Reconstruction, Scene};
+use crate::scene::{Delta, DeltaRule, ReconstructionSettings};
 use eit_inverse::{
     ChosenWeights, Differences, Fidelity, Gradient, Movie, MovieReport, StTv, StTvSettings, Stop,
     WeightStatus,
 };
 use eit_mesh::Raster;
-use ndarray::{Array2, ArrayView1};
+use ndarray::Array2;
+use part::Part;
 use std::time::Duration;
 
 /// Relative gap that is good enough where the scene states none: images no longer change visibly.
@@ -35,29 +35,6 @@ const SHARE: f64 = 0.25;
 /// length leaves noise in slow fingers, a quarter smears fast ones.
 const TIME_LENGTH: f64 = 1.0 / 32.0;
 
-/// The Jacobian on pixels, `[measurement, masked pixel]`: `J` of elements times the elements of a
-/// pixel image, rows divided by the model's voltages for normalised data.
-pub fn pixel_jacobian(
-    linearised: &Linearised,
-    raster: &Raster,
-    kind: DifferenceKind,
-    used: &[bool],
-) -> Result<Array2<f64>, SkinError> {
-    let from_pixel = raster.element_from_pixel();
-    let mut jacobian = from_pixel.premultiply_dense(linearised.jacobian.view())?;
-    for ((mut row, used), voltage) in
-        jacobian.rows_mut().into_iter().zip(used).zip(&linearised.voltages)
-    {
-        match kind {
-            // never looked at, and its voltage may be zero
-            _ if !used => row.fill(0.0),
-            DifferenceKind::Normalised => row.mapv_inplace(|j| j / voltage),
-            DifferenceKind::Plain => {}
-        }
-    }
-    Ok(jacobian)
-}
-
 /// Weight in space over weight in time, metres.
 pub fn time_length_m(raster: &Raster) -> f64 {
     TIME_LENGTH * raster.pixel_m() * raster.pixels() as f64
@@ -67,7 +44,8 @@ pub fn time_length_m(raster: &Raster) -> f64 {
 pub fn solver(
     jacobian: &Array2<f64>,
     raster: &Raster,
-    (method, keys): (Method, &Reconstruction),
+    method: Method,
+    keys: &ReconstructionSettings,
     noise_std: Option<Vec<f64>>,
     used: &[bool],
 ) -> Result<StTv, SkinError> {
@@ -84,12 +62,12 @@ pub fn solver(
 }
 
 /// Whether the method has a term in time.
-fn has_time(method: Method, keys: &Reconstruction) -> bool {
+fn has_time(method: Method, keys: &ReconstructionSettings) -> bool {
     method == Method::StTv && keys.lambda_time != Some(0.0)
 }
 
 /// When the scene wants the iteration to stop.
-pub fn stop(keys: &Reconstruction) -> Stop {
+pub fn stop(keys: &ReconstructionSettings) -> Stop {
     Stop {
         target_gap: keys.target_gap.unwrap_or(DEFAULT_TARGET_GAP),
         // what no clock can count (584 thousand million years) is no deadline
@@ -99,6 +77,7 @@ pub fn stop(keys: &Reconstruction) -> Stop {
 }
 
 /// The weights in use and how they came about.
+#[derive(Debug, Clone)]
 pub struct Weights {
     pub lambda_space: f64,
     pub lambda_time: f64,
@@ -111,6 +90,7 @@ pub struct Weights {
 }
 
 /// A sequence reconstructed by total variation.
+#[derive(Debug)]
 pub struct TvMovie {
     /// Siemens, [frame, masked pixel].
     pub pixels: Array2<f64>,
@@ -132,32 +112,56 @@ pub struct TvMovie {
     pub used: usize,
 }
 
-/// Reconstructs a sequence: quiet frames are skipped, a still scene is one frame, weights are those
-/// of the scene or chosen from the noise. `gain` is the factor from the model's voltages to the
-/// reference's. Long, but one chain: each step decides what the next has to do.
-pub fn reconstruct(
-    scene: &Scene,
+impl FittedFrames {
+    /// Reconstructs a sequence: quiet frames are skipped, a still scene is one frame, weights are those
+    /// of the settings or chosen from the noise.
+    ///
+    /// # Errors
+    ///
+    /// A data constraint without known noise, or one that no image meets.
+    pub fn total_variation(
+        &self,
+        method: Method,
+        progress: &mut Progress,
+    ) -> Result<TvMovie, SkinError> {
+        reconstruct(self, method, progress)
+    }
+
+    /// Whether no frame differs from the others beyond noise, as far as the noise is known.
+    /// [`FittedFrames::total_variation`] looks again, at those that are not quiet.
+    ///
+    /// # Errors
+    ///
+    /// Those of the noise.
+    pub fn is_still(&self) -> Result<bool, SkinError> {
+        let Some(noise) = self.noise()? else { return Ok(false) };
+        let none_quiet = vec![false; self.frames.values.nrows()];
+        Ok(Part::new(&self.differences(), &self.good(), &none_quiet).is_still(&noise))
+    }
+}
+
+/// [`FittedFrames::total_variation`]. Long, but one chain: each step decides what the next has to do.
+fn reconstruct(
+    fitted: &FittedFrames,
     method: Method,
-    (setup, linearised, raster): (&Setup, &Linearised, &Raster),
-    (frames, gain): (&Frames, f64),
     progress: &mut Progress,
 ) -> Result<TvMovie, SkinError> {
-    let keys = &scene.reconstruction;
-    let kind = scene.difference_kind(&setup.protocol);
-    let data = super::difference_data(kind, linearised);
-    let known = super::noise::known(scene, frames, (&data, gain))?;
+    let FittedFrames { skin, frames, .. } = fitted;
+    let keys = &skin.skin.settings.reconstruction;
+    let raster = &skin.raster(progress)?.clone();
+    let known = fitted.noise()?;
     if known.is_none() && matches!(keys.delta, Some(Delta::Rule(_))) {
         return Err(SkinError::input(
             "delta = \"noise\" needs the noise: state [noise] additive_v or quiet_frames",
         ));
     }
-    let jacobian = pixel_jacobian(linearised, raster, kind, &frames.used)?;
+    let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
     let set_up = |method: Method, noise: Option<&DataNoise>| {
         let noise_std = noise.map(|noise| noise.std.clone());
-        solver(&jacobian, raster, (method, keys), noise_std, &frames.used)
+        solver(&jacobian, raster, method, keys, noise_std, &frames.used)
     };
-    let values = frames.differences(kind);
-    let good = &frames.good & &ArrayView1::from(&frames.used);
+    let values = fitted.differences();
+    let good = fitted.good();
     let quiet = match &known {
         Some(noise) => progress.stage("quiet frames", || {
             let all = Differences { values: values.view(), good: Some(good.view()) };
@@ -194,7 +198,7 @@ pub fn reconstruct(
     let length_m = time_length_m(raster);
     let of_recording = |error| part.of_recording(error);
     let weights = progress
-        .stage("weights", || weights(&mut solver, keys, &differences, (length_m, movie.used)))?;
+        .stage("weights", || weights(&mut solver, keys, &differences, length_m, movie.used))?;
     let found = progress
         .stage("total variation", || solver.solve(&differences, &stop(keys)))
         .map_err(of_recording)?;
@@ -203,29 +207,13 @@ pub fn reconstruct(
     Ok(movie)
 }
 
-/// Whether no frame of a recording differs from the others beyond noise, as far as the noise is
-/// known. [`reconstruct`] looks again, at those that are not quiet.
-pub fn is_still(
-    scene: &Scene,
-    setup: &Setup,
-    linearised: &Linearised,
-    frames: &mut Frames,
-) -> Result<bool, SkinError> {
-    let kind = scene.difference_kind(&setup.protocol);
-    let voltages = linearised.voltages.to_vec();
-    let fit = frames.fit_model(&voltages, kind, scene.skin.conductivity_s)?;
-    let data = super::difference_data(kind, linearised);
-    let Some(noise) = super::noise::known(scene, frames, (&data, fit.gain))? else {
-        return Ok(false);
-    };
-    let good = &frames.good & &ArrayView1::from(&frames.used);
-    let none_quiet = vec![false; frames.values.nrows()];
-    Ok(Part::new(&frames.differences(kind), &good, &none_quiet).is_still(&noise))
-}
-
 /// The noise to weight by: with the model's error where the weights follow from it. Numbers that are
 /// given mean the noise alone, or none, and a guess must not change their meaning.
-fn weighting(known: Option<DataNoise>, keys: &Reconstruction, part: &Part) -> Option<DataNoise> {
+fn weighting(
+    known: Option<DataNoise>,
+    keys: &ReconstructionSettings,
+    part: &Part,
+) -> Option<DataNoise> {
     if keys.lambda_space.is_some() || matches!(keys.delta, Some(Delta::Value(_))) {
         return known;
     }
@@ -238,9 +226,10 @@ fn weighting(known: Option<DataNoise>, keys: &Reconstruction, part: &Part) -> Op
 /// Sets the weights of the scene, or chooses them by the noise.
 fn weights(
     solver: &mut StTv,
-    keys: &Reconstruction,
+    keys: &ReconstructionSettings,
     frames: &Differences<'_>,
-    (length_m, used): (f64, usize),
+    length_m: f64,
+    used: usize,
 ) -> Result<Weights, SkinError> {
     let delta = keys.delta.map(|delta| match delta {
         Delta::Value(value) => value,

@@ -1,0 +1,237 @@
+//! A skin linearised at its untouched state: what every linear method starts from.
+
+use crate::error::SkinError;
+use crate::frames::{Frames, ModelFit};
+use crate::movement;
+use crate::noise::DataNoise;
+use crate::progress::Progress;
+use crate::scene::{DifferenceKind, PriorKind, ReconstructionSettings};
+use crate::skin::{Skin, rounding_warning};
+use eit_fem::SolveReport;
+use eit_inverse::{
+    DifferenceData, Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov,
+};
+use eit_mesh::Raster;
+use ndarray::{Array1, Array2, ArrayView1};
+use std::sync::{Arc, OnceLock};
+
+/// Voltages and Jacobian of the homogeneous background.
+#[derive(Debug, Clone)]
+pub struct LinearisedSkin {
+    /// The skin.
+    pub skin: Skin,
+    /// Voltages of the background, volt.
+    pub voltages: Array1<f64>,
+    /// [measurement, element], volt per siemens.
+    pub jacobian: Array2<f64>,
+    /// Where electrodes move: [measurement, displacement], volt per metre.
+    pub movement: Option<Array2<f64>>,
+    /// How the solve went.
+    pub report: SolveReport,
+    /// What rounding may have cost, where that is worth saying.
+    pub warning: Option<String>,
+    /// Data are differences already, white and of standard deviation 1: nuisance parameters were
+    /// taken out.
+    pub(crate) is_white: bool,
+    raster: OnceLock<Raster>,
+}
+
+impl Skin {
+    /// Voltages and Jacobian of the homogeneous background, and what movement of electrodes does to
+    /// them where the settings let them move.
+    ///
+    /// # Errors
+    ///
+    /// A model that cannot be solved, or of whose voltages no digit is certain.
+    pub fn linearise(&self, progress: &mut Progress) -> Result<LinearisedSkin, SkinError> {
+        let background = self.background_s();
+        let mut linearised = progress.stage("forward and Jacobian", || {
+            let mut workspace = self.model.workspace()?;
+            let mut solution = self.solve(&background, &mut workspace)?;
+            let report = solution.report();
+            let warning = rounding_warning(&report)?;
+            let (voltages, jacobian) = (solution.measurements(), solution.jacobian());
+            Ok::<_, SkinError>(LinearisedSkin {
+                skin: self.clone(),
+                voltages,
+                jacobian,
+                movement: None,
+                report,
+                warning,
+                is_white: false,
+                raster: OnceLock::new(),
+            })
+        })?;
+        if self.settings.reconstruction.electrode_movement_m.is_some() {
+            linearised.movement = Some(movement::jacobian(&background, self, progress)?);
+        }
+        Ok(linearised)
+    }
+}
+
+impl LinearisedSkin {
+    /// The same skin for other images.
+    pub fn with_reconstruction(mut self, settings: ReconstructionSettings) -> Self {
+        if settings.pixels != self.skin.settings.reconstruction.pixels {
+            self.raster = OnceLock::new();
+        }
+        self.skin.settings.reconstruction = settings;
+        self
+    }
+
+    /// Settings that the skin's leave open, chosen for its `frame_time_s`; needs feature `plan`.
+    ///
+    /// # Errors
+    ///
+    /// `frame_time_s` without that feature.
+    #[cfg(not(feature = "plan"))]
+    pub fn in_frame_time(self, _frames: Option<usize>, _live: bool) -> Result<Self, SkinError> {
+        match self.skin.settings.reconstruction.frame_time_s {
+            None => Ok(self),
+            Some(_) => Err(SkinError::input(
+                "reconstruction.frame_time_s: this program was built without plans (feature `plan` of \
+                 eit-skin)",
+            )
+            .within(&self.skin.place)),
+        }
+    }
+
+    /// The same skin with another Jacobian, of white differences.
+    pub(crate) fn whitened(&self, jacobian: Array2<f64>) -> Self {
+        Self { jacobian, movement: None, is_white: true, ..self.clone() }
+    }
+
+    /// Plain or normalised difference.
+    pub fn difference_kind(&self) -> DifferenceKind {
+        if self.is_white { DifferenceKind::Plain } else { self.skin.difference_kind() }
+    }
+
+    /// What is subtracted and divided by, for methods that take the Jacobian of elements.
+    pub fn difference_data(&self) -> DifferenceData {
+        match self.difference_kind() {
+            DifferenceKind::Plain => DifferenceData::Plain,
+            DifferenceKind::Normalised => {
+                DifferenceData::Normalised { model_voltages_v: self.voltages.to_vec() }
+            }
+        }
+    }
+
+    /// The pixels of the skin's images, made once.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Raster::new`].
+    pub fn raster(&self, progress: &mut Progress) -> Result<&Raster, SkinError> {
+        if let Some(raster) = self.raster.get() {
+            return Ok(raster);
+        }
+        let raster = self.skin.raster(progress)?;
+        Ok(self.raster.get_or_init(|| raster))
+    }
+
+    /// The prior that the settings name, else Laplace's.
+    ///
+    /// # Errors
+    ///
+    /// Those of the prior.
+    pub fn prior(&self) -> Result<Box<dyn Prior + Send + Sync>, SkinError> {
+        let surface = self.skin.mesh.surface();
+        let keys = &self.skin.settings.reconstruction;
+        let length = keys.correlation_length_m;
+        Ok(match keys.prior.unwrap_or(PriorKind::Laplace) {
+            PriorKind::Tikhonov => Box::new(Tikhonov::new(surface)),
+            PriorKind::Noser => Box::new(Noser::default()),
+            PriorKind::Laplace => {
+                let settings = LaplaceSettings { correlation_length_m: length };
+                Box::new(Laplace::new(surface, &settings)?)
+            }
+            PriorKind::Gaussian => {
+                Box::new(Gaussian::new(surface, &GaussianSettings { length_m: length })?)
+            }
+        })
+    }
+
+    /// Rows of a Jacobian as derivatives of the differences: divided by the model's voltages where
+    /// data are normalised, zero where a measurement is not used.
+    pub(crate) fn rows_of_differences(&self, mut rows: Array2<f64>, used: &[bool]) -> Array2<f64> {
+        let kind = self.difference_kind();
+        for ((mut row, used), voltage) in rows.rows_mut().into_iter().zip(used).zip(&self.voltages)
+        {
+            match kind {
+                // never looked at, and its voltage may be zero
+                _ if !used => row.fill(0.0),
+                DifferenceKind::Normalised => row /= *voltage,
+                DifferenceKind::Plain => {}
+            }
+        }
+        rows
+    }
+
+    /// The Jacobian of differences on pixels, `[measurement, masked pixel]`: `J` of elements times the
+    /// elements of a pixel image.
+    ///
+    /// # Errors
+    ///
+    /// A raster of another mesh.
+    pub fn pixel_jacobian(&self, raster: &Raster, used: &[bool]) -> Result<Array2<f64>, SkinError> {
+        let from_pixel = raster.element_from_pixel();
+        let jacobian = from_pixel.premultiply_dense(self.jacobian.view())?;
+        Ok(self.rows_of_differences(jacobian, used))
+    }
+
+    /// Holds frames against the model.
+    ///
+    /// # Errors
+    ///
+    /// A reference of zero, or of the opposite sign where differences are plain.
+    pub fn fit(self: &Arc<Self>, mut frames: Frames) -> Result<FittedFrames, SkinError> {
+        let voltages = self.voltages.to_vec();
+        let kind = self.difference_kind();
+        let fit = frames.fit_model(&voltages, kind, self.skin.conductivity_s)?;
+        Ok(FittedFrames { skin: Arc::clone(self), frames, fit })
+    }
+}
+
+/// Frames with their reference, held against a linearised skin: what images are made of.
+#[derive(Debug, Clone)]
+pub struct FittedFrames {
+    /// The model.
+    pub skin: Arc<LinearisedSkin>,
+    /// Values and reference, in protocol order.
+    pub frames: Frames,
+    /// How the model's voltages explain the reference.
+    pub fit: ModelFit,
+}
+
+impl FittedFrames {
+    /// Difference data [frame, measurement], zero where a value is not used: volt, or relative to
+    /// the reference.
+    pub fn differences(&self) -> Array2<f64> {
+        self.frames.differences(self.skin.difference_kind())
+    }
+
+    /// The same with NaN where a value is not used or not good.
+    pub fn differences_or_nan(&self) -> Array2<f64> {
+        let mut differences = self.differences();
+        differences.zip_mut_with(&self.good(), |value, good| {
+            if !good {
+                *value = f64::NAN;
+            }
+        });
+        differences
+    }
+
+    /// Whether a value is good and used, [frame, measurement].
+    pub fn good(&self) -> Array2<bool> {
+        &self.frames.good & &ArrayView1::from(&self.frames.used)
+    }
+
+    /// The noise of the differences: stated, measured on quiet frames, or `None` where it is unknown.
+    ///
+    /// # Errors
+    ///
+    /// Quiet frames that the settings name and that show no noise.
+    pub fn noise(&self) -> Result<Option<DataNoise>, SkinError> {
+        DataNoise::known(self)
+    }
+}

@@ -1,0 +1,221 @@
+//! The mesh that a scene's required accuracy, or its noise, asks for.
+
+use crate::error::SkinError;
+use crate::progress::Progress;
+use crate::scene::{BuiltMesh, MeshSource, RequiredAccuracyKey, Scene};
+use crate::skin::Skin;
+use eit_fem::{Elements, MeshSearch, MeshTrial, Protocol, RequiredAccuracy};
+use eit_mesh::Mesh;
+use serde_json::{Value, json};
+
+/// Most nodes of a mesh that is tried, unless the scene has a limit: quadratic elements on it have
+/// 200 000 unknowns, 0.3 s a solve.
+const MOST_NODES: usize = 50_000;
+
+/// A mesh, its elements, and what is known of their error.
+#[derive(Debug)]
+pub struct MeshChoice {
+    pub mesh: Mesh,
+    pub elements: Elements,
+    /// What was mended in the mesh file.
+    pub notes: Vec<String>,
+    /// `None` where the scene requires nothing.
+    pub accuracy: Option<Accuracy>,
+}
+
+/// What was required, and what was found.
+#[derive(Debug, Clone)]
+pub struct Accuracy {
+    /// Whether the noise asked for it.
+    pub by_noise: bool,
+    /// Largest error of a voltage over the largest voltage.
+    pub required: f64,
+    /// Estimate for the mesh that was chosen; `None` for quadratic elements on a mesh file.
+    pub error: Option<f64>,
+    /// Everything that was solved.
+    pub trials: Vec<MeshTrial>,
+}
+
+impl Accuracy {
+    /// Required and found.
+    pub fn words(&self) -> String {
+        let required = self.required;
+        match self.error {
+            Some(error) => format!(
+                "estimated error of the voltages {error:.1e} of the largest, {required:.1e} required"
+            ),
+            None => format!(
+                "{required:.1e} of the largest voltage required, which linear elements on this mesh \
+                 miss; the error of quadratic ones on the mesh of a file is not known"
+            ),
+        }
+    }
+
+    /// For programs.
+    pub fn json(&self) -> Value {
+        let one = |trial: &MeshTrial| {
+            json!({
+                "nodes": trial.nodes,
+                "elements": element_words(trial.elements),
+                "unknowns": trial.cost.unknowns,
+                "factor_flops": trial.cost.factor_flops,
+                "estimated_error": trial.error,
+            })
+        };
+        json!({
+            "required": self.required,
+            "estimated_error": self.error,
+            "trials": self.trials.iter().map(one).collect::<Vec<_>>(),
+        })
+    }
+}
+
+/// Name of a kind of elements.
+pub fn element_words(elements: Elements) -> &'static str {
+    match elements {
+        Elements::Linear => "linear",
+        Elements::Quadratic => "quadratic",
+    }
+}
+
+impl Scene {
+    /// The mesh that is wanted of a scene; chosen where the scene requires an accuracy and nothing else
+    /// (`is_fixed`: a number of nodes on the command line) says how dense.
+    pub fn choose_mesh(
+        &self,
+        source: &MeshSource,
+        is_fixed: bool,
+        progress: &mut Progress,
+    ) -> Result<MeshChoice, SkinError> {
+        let required = self.required_accuracy()?.filter(|_| !is_fixed);
+        if let (Some(required), Some(electrodes), MeshSource::Generated { .. }) =
+            (required, source.electrodes(), source)
+        {
+            return progress
+                .stage("choice of mesh", || self.searched(source, electrodes, required));
+        }
+        let made = progress.stage("mesh", || source.build());
+        let BuiltMesh { mesh, notes } = made.map_err(|e| e.within(&self.place))?;
+        notes.iter().for_each(|note| progress.note(note));
+        let elements = self.elements().unwrap_or_default();
+        let fixed = MeshChoice { mesh, elements, notes, accuracy: None };
+        match required.filter(|_| !fixed.mesh.electrodes().is_empty()) {
+            Some(required) => progress.stage("choice of elements", || self.judged(fixed, required)),
+            None => Ok(fixed),
+        }
+    }
+
+    /// Searches the family of the scene's mesh settings.
+    fn searched(
+        &self,
+        source: &MeshSource,
+        electrodes: usize,
+        required: RequiredAccuracy,
+    ) -> Result<MeshChoice, SkinError> {
+        let protocol = self.protocol(electrodes)?;
+        let contact_impedance = self.contact_impedance(electrodes)?;
+        let search = self.search(&protocol, &contact_impedance, required);
+        let found = search.run(|scale| source.similar(scale));
+        let found = found.map_err(|error: SkinError| error.within(&self.place))?;
+        Ok(MeshChoice {
+            mesh: found.mesh,
+            elements: found.elements,
+            notes: Vec::new(),
+            accuracy: Some(Accuracy {
+                by_noise: self.is_by_noise(),
+                required: found.required,
+                error: Some(found.error),
+                trials: found.trials,
+            }),
+        })
+    }
+
+    /// Elements for a mesh that is what it is: linear ones where they suffice.
+    fn judged(
+        &self,
+        fixed: MeshChoice,
+        required: RequiredAccuracy,
+    ) -> Result<MeshChoice, SkinError> {
+        let count = fixed.mesh.electrodes().len();
+        let protocol = self.protocol(count)?;
+        let contact_impedance = self.contact_impedance(count)?;
+        let search = self.search(&protocol, &contact_impedance, required);
+        let found =
+            search.of_linear(&fixed.mesh).map_err(|e| SkinError::from(e).within(&self.place))?;
+        let suffices = found.error <= found.required;
+        if !suffices && self.elements() == Some(Elements::Linear) {
+            return Err(SkinError::input(format!(
+                "linear elements on this mesh have an error of {:.1e} of the largest voltage, and \
+                 {:.1e} is required: take mesh.elements out, or a finer mesh",
+                found.error, found.required
+            ))
+            .within(&self.place));
+        }
+        let linear = suffices && self.elements() != Some(Elements::Quadratic);
+        let (elements, error) = if linear {
+            (Elements::Linear, Some(found.error))
+        } else {
+            (Elements::Quadratic, None)
+        };
+        let by_noise = self.is_by_noise();
+        let required = found.required;
+        let accuracy = Some(Accuracy { by_noise, required, error, trials: Vec::new() });
+        Ok(MeshChoice { elements, accuracy, ..fixed })
+    }
+
+    /// The search that a scene asks for.
+    fn search<'a>(
+        &self,
+        protocol: &'a Protocol,
+        contact_impedance: &'a [f64],
+        required: RequiredAccuracy,
+    ) -> MeshSearch<'a> {
+        MeshSearch {
+            protocol,
+            contact_impedance,
+            conductivity_s: self.skin.conductivity_s,
+            required,
+            elements: self.elements(),
+            most_nodes: self.mesh.node_limit.unwrap_or(MOST_NODES),
+        }
+    }
+
+    fn is_by_noise(&self) -> bool {
+        matches!(self.mesh.required_accuracy, Some(RequiredAccuracyKey::Rule(_)))
+    }
+}
+
+impl Skin {
+    /// Estimated error of the voltages on a mesh that nothing was required of, over the largest: linear
+    /// elements against quadratic ones on the same mesh, quadratic ones on a generated mesh against
+    /// those on twice the nodes. `None` where neither can be had: a shunt, an ideal source, quadratic
+    /// elements on the mesh of a file.
+    ///
+    /// # Errors
+    ///
+    /// Those of the solves.
+    pub fn mesh_error(&self) -> Result<Option<f64>, SkinError> {
+        let impedance = &self.contact_impedance;
+        if impedance.iter().any(|z| *z == 0.0 || z.is_infinite()) {
+            return Ok(None);
+        }
+        let search = MeshSearch {
+            protocol: &self.protocol,
+            contact_impedance: impedance,
+            conductivity_s: self.conductivity_s,
+            required: RequiredAccuracy::Relative(0.5),
+            elements: None,
+            most_nodes: MOST_NODES,
+        };
+        let estimate = match self.model.element_kind() {
+            Elements::Linear => search.of_linear(&self.mesh)?.error,
+            Elements::Quadratic if self.source.is_file() => return Ok(None),
+            Elements::Quadratic => {
+                let nodes = 2 * self.mesh.surface().nodes().len();
+                let finer = self.source.with_nodes(nodes)?.build()?;
+                search.of_quadratic(&self.mesh, &finer.mesh)?.error
+            }
+        };
+        Ok(Some(estimate))
+    }
+}

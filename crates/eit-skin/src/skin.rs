@@ -1,0 +1,370 @@
+//! One skin: mesh, protocol and forward model, with the settings of every stage behind them.
+
+use crate::error::SkinError;
+use crate::progress::Progress;
+use crate::scene::{
+    Accuracy, BuiltMesh, DifferenceKind, Instrument, MeshChoice, MeshSource, Scene, StageSettings,
+    Symmetry,
+};
+use eit_fem::analytic::DiscSeries;
+use eit_fem::fabric::FabricSettings;
+use eit_fem::{Elements, ForwardModel, PairProtocol, Protocol, Solution, SolveReport, Workspace};
+use eit_mesh::{Mesh, Raster};
+use std::ops::Deref;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Pixels along the longer side where the scene states none: a disc of 64 has 3 200 pixels, ten
+/// times more than 208 measurements can tell apart.
+pub const DEFAULT_PIXELS: usize = 64;
+
+/// Largest array that is tried, bytes.
+const MOST_BYTES: f64 = 8e9;
+
+/// Bytes of a real number.
+pub(crate) const REAL_BYTES: f64 = 8.0;
+
+/// What stays the same whatever is made of a skin's frames.
+#[derive(Debug)]
+pub struct SkinModel {
+    /// Name for titles: the scene file's stem or the built-in name.
+    pub name: String,
+    /// The scene as it was named, for messages.
+    pub place: String,
+    /// The skin's surface with its electrodes.
+    pub mesh: Mesh,
+    /// Patterns, in data order.
+    pub protocol: Protocol,
+    /// Ready to solve.
+    pub model: ForwardModel,
+    /// Conductivity of the untouched sheet, siemens per square.
+    pub conductivity_s: f64,
+    /// Of each electrode: ohm metre on the rim, ohm square metre of a patch.
+    pub contact_impedance: Vec<f64>,
+    /// What the mesh comes from.
+    pub source: MeshSource,
+    /// What was mended in the mesh file.
+    pub notes: Vec<String>,
+    /// What the scene requires of the mesh, and what was found.
+    pub accuracy: Option<Accuracy>,
+    /// The pair protocol behind the patterns, where the order of data can be checked against others.
+    pub pairs: Option<PairProtocol>,
+    /// Whether data in another order than the protocol's is refused.
+    pub check_order: bool,
+    /// The mesh-free series of this skin, where there is one.
+    pub series: Option<DiscSeries>,
+    /// Turns and mirror images that leave a disc as it is.
+    pub symmetry: Option<Symmetry>,
+    /// The simulated fabric.
+    pub fabric: FabricSettings,
+    /// The instrument, where the scene names one.
+    pub instrument: Option<Instrument>,
+    /// Checksum of shape, electrodes and protocol: what a trained net belongs to.
+    pub fingerprint: String,
+    /// The scene as TOML, for recordings.
+    pub scene_toml: String,
+    /// Why nothing of the skin is complex.
+    pub why_real: &'static str,
+}
+
+/// What overrides the scene's mesh.
+#[derive(Debug, Clone, Default)]
+pub struct MeshOverride {
+    /// A mesh file that brings its electrodes.
+    pub file: Option<PathBuf>,
+    /// About this many nodes instead of the scene's density.
+    pub nodes: Option<usize>,
+}
+
+/// A skin: the start of everything. Clones share mesh and model.
+///
+/// ```
+/// use eit_skin::{Scene, Skin};
+/// # fn main() -> Result<(), eit_skin::SkinError> {
+/// let skin = Skin::from_scene(Scene::load("paper-disc")?)?;
+/// assert_eq!(skin.protocol.measurements(), 208);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone)]
+pub struct Skin {
+    parts: Arc<SkinModel>,
+    /// Settings of the stages behind the model.
+    pub settings: StageSettings,
+}
+
+impl Deref for Skin {
+    type Target = SkinModel;
+
+    fn deref(&self) -> &SkinModel {
+        &self.parts
+    }
+}
+
+impl Skin {
+    /// Reads a scene file, or takes a built-in scene by its name, and sets the skin up.
+    ///
+    /// # Errors
+    ///
+    /// A scene that cannot be read or built; the message names key, value and place.
+    pub fn load(name_or_path: impl AsRef<Path>) -> Result<Self, SkinError> {
+        Self::from_scene(Scene::load(&name_or_path.as_ref().to_string_lossy())?)
+    }
+
+    /// Sets a skin up: meshes it, builds protocol and forward model.
+    ///
+    /// # Errors
+    ///
+    /// As [`Skin::load`].
+    pub fn from_scene(scene: Scene) -> Result<Self, SkinError> {
+        Self::set_up(&scene, &MeshOverride::default(), &mut Progress::silent())
+    }
+
+    /// [`Skin::from_scene`] with a mesh of one's own, telling its progress.
+    ///
+    /// # Errors
+    ///
+    /// As [`Skin::load`].
+    pub fn set_up(
+        scene: &Scene,
+        mesh: &MeshOverride,
+        progress: &mut Progress,
+    ) -> Result<Self, SkinError> {
+        scene.check()?;
+        scene.refuse_reactive()?;
+        let Body { choice, protocol, source } = Body::of(scene, mesh, REAL_BYTES, progress)?;
+        let MeshChoice { mesh, elements, notes, accuracy } = choice;
+        let electrodes = mesh.electrodes().len();
+        let contact_impedance = scene.contact_impedance(electrodes)?;
+        let model = progress.stage("forward model", || {
+            ForwardModel::with_elements(&mesh, &protocol, &contact_impedance, elements)
+        });
+        let model = model.map_err(|e| SkinError::from(e).within(&scene.place))?;
+        let has_pairs = protocol.quadruples().is_some() && !scene.has_quadruples_file();
+        let pairs = has_pairs.then(|| scene.pair_protocol(electrodes)).transpose()?;
+        let instrument = match scene.instrument {
+            Some(_) => Some(scene.instrument_of(&protocol)?),
+            None => None,
+        };
+        let model = SkinModel {
+            name: scene.name.clone(),
+            place: scene.place.clone(),
+            series: scene.disc_series(electrodes)?,
+            symmetry: scene.symmetry(),
+            pairs,
+            check_order: scene.protocol.check_order != Some(false),
+            conductivity_s: scene.skin.conductivity_s,
+            fabric: scene.fabric.clone().unwrap_or_default(),
+            fingerprint: scene.skin_fingerprint()?,
+            scene_toml: scene.to_toml()?,
+            why_real: scene.why_real(),
+            instrument,
+            mesh,
+            protocol,
+            model,
+            contact_impedance,
+            source,
+            notes,
+            accuracy,
+        };
+        Ok(Self { parts: Arc::new(model), settings: scene.stage_settings() })
+    }
+
+    /// The same skin on another mesh, of about so many nodes: to simulate on.
+    ///
+    /// # Errors
+    ///
+    /// A mesh file, which is one mesh; a mesh that cannot be generated.
+    pub fn with_nodes(&self, nodes: usize, progress: &mut Progress) -> Result<Self, SkinError> {
+        let source = self.source.with_nodes(nodes)?;
+        let BuiltMesh { mesh, notes } = progress.stage("mesh", || source.build())?;
+        let elements = self.model.element_kind();
+        let model = progress.stage("forward model", || {
+            ForwardModel::with_elements(&mesh, &self.protocol, &self.contact_impedance, elements)
+        })?;
+        let parts = SkinModel {
+            name: self.name.clone(),
+            place: self.place.clone(),
+            mesh,
+            protocol: self.protocol.clone(),
+            model,
+            conductivity_s: self.conductivity_s,
+            contact_impedance: self.contact_impedance.clone(),
+            source,
+            notes,
+            accuracy: None,
+            pairs: self.pairs.clone(),
+            check_order: self.check_order,
+            series: self.series.clone(),
+            symmetry: self.symmetry,
+            fabric: self.fabric.clone(),
+            instrument: self.instrument.clone(),
+            fingerprint: self.fingerprint.clone(),
+            scene_toml: self.scene_toml.clone(),
+            why_real: self.why_real,
+        };
+        Ok(Self { parts: Arc::new(parts), settings: self.settings.clone() })
+    }
+
+    /// Plain or normalised difference: pairs are normalised, which cancels gains per channel;
+    /// general patterns have voltages near zero, which cannot be divided by.
+    pub fn difference_kind(&self) -> DifferenceKind {
+        self.settings.reconstruction.difference.unwrap_or(match self.protocol.quadruples() {
+            Some(_) => DifferenceKind::Normalised,
+            None => DifferenceKind::Plain,
+        })
+    }
+
+    /// The untouched skin, a conductivity for each element, siemens per square.
+    pub fn background_s(&self) -> Vec<f64> {
+        vec![self.conductivity_s; self.model.elements()]
+    }
+
+    /// Pixels along the longer side of the skin's images.
+    pub fn pixels(&self) -> usize {
+        self.settings.reconstruction.pixels.unwrap_or(DEFAULT_PIXELS)
+    }
+
+    /// The pixels of the skin's images.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`Raster::new`].
+    pub fn raster(&self, progress: &mut Progress) -> Result<Raster, SkinError> {
+        Ok(progress.stage("raster", || Raster::new(self.mesh.surface(), self.pixels()))?)
+    }
+
+    /// What rounding may cost the voltages, of the largest: a tenth of the required accuracy.
+    fn rounding(&self) -> f64 {
+        let required = self.accuracy.as_ref().map_or(1.0, |accuracy| accuracy.required);
+        // f64 results have no more
+        (0.1 * required).clamp(4.0 * f64::EPSILON, WARN_LOSS)
+    }
+
+    /// One solve whose rounding is known to be small: by the textbook assembly where that suffices,
+    /// else with electrodes eliminated analytically ([`ForwardModel::solve_to`]). Quadratic elements
+    /// have the first path only.
+    ///
+    /// # Errors
+    ///
+    /// Those of the model: conductivities that are not above zero, or no digit that is certain.
+    pub fn solve<'a>(
+        &'a self,
+        conductivity_s: &[f64],
+        workspace: &'a mut Workspace,
+    ) -> Result<Solution<'a>, SkinError> {
+        self.solve_to(conductivity_s, self.rounding(), workspace)
+    }
+
+    /// [`Skin::solve`] to a rounding error of the caller's choice, relative to the largest voltage.
+    ///
+    /// # Errors
+    ///
+    /// As [`Skin::solve`].
+    pub fn solve_to<'a>(
+        &'a self,
+        conductivity_s: &[f64],
+        rounding: f64,
+        workspace: &'a mut Workspace,
+    ) -> Result<Solution<'a>, SkinError> {
+        Ok(match self.parts.model.element_kind() {
+            Elements::Linear => self.parts.model.solve_to(conductivity_s, rounding, workspace)?,
+            Elements::Quadratic => self.parts.model.solve(conductivity_s, workspace)?,
+        })
+    }
+}
+
+/// Mesh and protocol of a scene, however complex its numbers are.
+pub(crate) struct Body {
+    pub choice: MeshChoice,
+    pub protocol: Protocol,
+    pub source: MeshSource,
+}
+
+impl Body {
+    /// Refuses a Jacobian, of values of `value_bytes`, beyond memory.
+    pub fn of(
+        scene: &Scene,
+        mesh: &MeshOverride,
+        value_bytes: f64,
+        progress: &mut Progress,
+    ) -> Result<Self, SkinError> {
+        let source = match &mesh.file {
+            Some(file) => MeshSource::file(file),
+            None => scene.mesh(mesh.nodes)?,
+        };
+        // what needs no mesh is checked before one is made
+        if let Some(electrodes) = source.electrodes() {
+            scene.protocol(electrodes)?;
+            scene.check_contacts(electrodes)?;
+        }
+        let choice = scene.choose_mesh(&source, mesh.nodes.is_some(), progress)?;
+        let electrodes = choice.mesh.electrodes().len();
+        if electrodes == 0 {
+            return Err(SkinError::input(
+                "the mesh has no electrode: name physical lines electrode_1 .. in a Gmsh file, or set \
+                 electrodes.positions_m",
+            ));
+        }
+        let protocol = scene.protocol(electrodes)?;
+        let elements = choice.mesh.surface().triangles().len();
+        let bytes = value_bytes * protocol.measurements() as f64 * elements as f64;
+        if bytes > MOST_BYTES {
+            return Err(SkinError::input(format!(
+                "{} measurements on {elements} elements make a Jacobian of {:.0} GB: use a coarser \
+                 [mesh] or fewer measurements",
+                protocol.measurements(),
+                1e-9 * bytes
+            )));
+        }
+        Ok(Self { choice, protocol, source })
+    }
+}
+
+/// Losses worth a warning, and losses that leave nothing to report.
+const WARN_LOSS: f64 = 1e-6;
+const REFUSE_LOSS: f64 = 0.1;
+
+/// Refuses voltages that rounding may have made worthless; warns where it may have cost digits.
+///
+/// # Errors
+///
+/// An expected loss above a tenth of the largest voltage.
+pub fn rounding_warning(report: &SolveReport) -> Result<Option<String>, SkinError> {
+    warning_of_loss(report.expected_loss)
+}
+
+/// [`rounding_warning`] of an expected loss.
+pub(crate) fn warning_of_loss(loss: f64) -> Result<Option<String>, SkinError> {
+    if loss.is_nan() || loss > REFUSE_LOSS {
+        return Err(SkinError::Failure(format!(
+            "no digit of the voltages is certain: conductances on this skin span {:.0} decades \
+             (contact impedances times conductivity against element size, or contrast); bring them \
+             nearer to each other",
+            (loss / (1000.0 * f64::EPSILON)).log10()
+        )));
+    }
+    Ok((loss > WARN_LOSS).then(|| {
+        format!(
+            "rounding may have cost up to {loss:.0e} of the largest voltage (a cautious estimate)"
+        )
+    }))
+}
+
+/// Refuses more images than memory holds.
+///
+/// # Errors
+///
+/// More than 8 GB of them.
+pub fn check_images(count: usize, raster: &Raster) -> Result<(), SkinError> {
+    let bytes = 8.0 * count as f64 * (raster.pixels() as f64).powi(2);
+    if bytes > MOST_BYTES {
+        return Err(SkinError::input(format!(
+            "{count} images of {0} x {0} pixels take {1:.0} GB: use fewer [reconstruction] \
+             pixels or fewer frames",
+            raster.pixels(),
+            1e-9 * bytes
+        )));
+    }
+    Ok(())
+}
