@@ -18,7 +18,7 @@ use std::path::PathBuf;
     version,
     arg_required_else_help = true,
     after_help = "A SCENE is a TOML file or the name of a built-in scene: paper-disc, stiff-contact, \
-        high-contrast, general-32, single-frame.\n\n\
+        high-contrast, general-32, single-frame, plate-with-hole, patches, hemisphere.\n\n\
         First steps:\n  \
         eit demo                               a simulated skin, from voltages to touches\n  \
         eit plan paper-disc                    what a scene needs, and what it will cost\n  \
@@ -226,9 +226,9 @@ pub(crate) struct MeshArgs {
     pub nodes: Option<usize>,
 }
 
-/// `eit forward`
+/// What `eit forward` and `eit jacobian` solve.
 #[derive(Debug, Args)]
-pub(crate) struct ForwardArgs {
+pub(crate) struct SolveArgs {
     /// Scene file or built-in scene.
     pub scene: String,
     /// Mesh to use instead of the scene's (Gmsh 2.2 or 4.1, electrodes as physical groups
@@ -239,6 +239,19 @@ pub(crate) struct ForwardArgs {
     /// without it the scene's background. Where the scene stores charge also admittivities (complex .npy).
     #[arg(long, value_name = "F")]
     pub conductivity: Option<PathBuf>,
+    /// Largest rounding error of a voltage, relative to the largest voltage, as in 1e-10: stiff
+    /// contacts and high contrast cost digits in the textbook assembly, and this asks for them
+    /// [default: 1e-6, or a tenth of mesh.required_accuracy]. What the mesh costs is asked for by
+    /// mesh.required_accuracy in the scene.
+    #[arg(long, value_name = "R")]
+    pub accuracy: Option<f64>,
+}
+
+/// `eit forward`
+#[derive(Debug, Args)]
+pub(crate) struct ForwardArgs {
+    #[command(flatten)]
+    pub solve: SolveArgs,
     /// Result: F.npy or F.csv, one value per measurement, volt; complex ones as complex128, in CSV as
     /// alternating real and imaginary parts.
     #[arg(long, value_name = "F")]
@@ -248,14 +261,8 @@ pub(crate) struct ForwardArgs {
 /// `eit jacobian`
 #[derive(Debug, Args)]
 pub(crate) struct JacobianArgs {
-    /// Scene file or built-in scene.
-    pub scene: String,
-    /// Mesh to use instead of the scene's.
-    #[arg(long, value_name = "F.msh")]
-    pub mesh: Option<PathBuf>,
-    /// Conductivity to linearise at, as for `eit forward`.
-    #[arg(long, value_name = "F")]
-    pub conductivity: Option<PathBuf>,
+    #[command(flatten)]
+    pub solve: SolveArgs,
     /// Result: F.npy.
     #[arg(long, value_name = "F.npy")]
     pub out: PathBuf,

@@ -149,7 +149,7 @@ fn a_stream_of_frames_loses_what_electrodes_leave() {
         let (file, out) = (folder.path().join("live.toml"), folder.path().join("out"));
         std::fs::write(&file, with(&scene, keys)).unwrap();
         let arguments = ["replay", text(&file), "--from", text(&recording), "--out", text(&out)];
-        let answer = succeed(&[&arguments[..], &["--quiet", "20", "--json"]].concat());
+        let answer = succeed(&[&arguments[..], &["--reference-frames", "20", "--json"]].concat());
         let images: Array3<f64> = ndarray_npy::read_npy(out.join("images.npy")).unwrap();
         (serde_json::from_str::<Value>(&answer).unwrap(), images)
     };

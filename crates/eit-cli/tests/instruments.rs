@@ -259,7 +259,7 @@ fn a_replay_gives_the_images_of_the_live_view_to_the_bit() {
         text(&live),
         "--picture",
         text(&picture),
-        "--quiet",
+        "--reference-frames",
         "20",
         "--frames",
         "120",
@@ -277,7 +277,7 @@ fn a_replay_gives_the_images_of_the_live_view_to_the_bit() {
         let again = path(name);
         let arguments = [
             &["replay", text(&scene), "--from", text(&recording), "--out", text(&again)][..],
-            &["--quiet", "20", "--json"],
+            &["--reference-frames", "20", "--json"],
             more,
         ]
         .concat();

@@ -11,7 +11,7 @@ mod live;
 mod page;
 mod pictures;
 
-use self::experiment::{EXPERIMENTS, Experiment, Lab, QUIET};
+use self::experiment::{EXPERIMENTS, Experiment, TouchedFabric};
 use self::folder::DemoFolder;
 use self::pictures::{File, Shown};
 use crate::Answer;
@@ -22,11 +22,11 @@ use eit_fem::fabric::Simulation;
 use eit_picture::SkinDrawing;
 use eit_skin::Progress;
 use eit_skin::StopFlag;
-use eit_skin::live::Model;
-use eit_skin::pipeline;
+use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
 use eit_skin::scene::{Instrument, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
@@ -49,7 +49,7 @@ fn own() -> Vec<&'static str> {
 /// What the threads share.
 struct Stage<'a> {
     folder: &'a DemoFolder,
-    model: &'a Model,
+    model: &'a Arc<LiveModel>,
     instrument: &'a Instrument,
     skin: SkinDrawing,
     interrupt: &'a StopFlag,
@@ -68,23 +68,23 @@ pub fn run(
     folder.write_scene(args.quick)?;
     let scene = Scene::load(&folder.scene().display().to_string())?;
     let instrument = scene.instrument()?;
-    let lab = Lab::new(&scene, args.quick, progress)?;
-    let model = Model::new(scene, QUIET, progress)?;
-    let raster = pipeline::raster(&model.scene, &model.setup, progress)?;
+    let fabric = TouchedFabric::new(&scene, args.quick, progress)?;
+    let model = Arc::new(LiveModel::from_scene(&scene, REFERENCE_FRAMES, progress)?);
+    let raster = model.linearised.raster(progress)?;
     let stage = Stage {
         folder: &folder,
         model: &model,
         instrument: &instrument,
-        skin: eit_picture::SkinDrawing::from_raster(&model.setup.mesh, &raster),
+        skin: SkinDrawing::from_raster(&model.skin().mesh, raster),
         interrupt,
         has_failed: AtomicBool::new(false),
     };
-    let (shown, files) = stage.experiments(&lab, progress)?;
+    let (shown, files) = stage.experiments(&fabric, progress)?;
     let seconds = start.elapsed().as_secs_f64();
     if shown.len() < EXPERIMENTS.len() || shown.iter().any(|shown| !shown.seen.is_whole) {
         return Ok(interrupted(&folder, &shown));
     }
-    stage.report(&shown, files, (lab.nodes(), seconds), progress)
+    stage.report(&shown, files, fabric.nodes(), seconds, progress)
 }
 
 impl Stage<'_> {
@@ -95,7 +95,7 @@ impl Stage<'_> {
     /// Simulates the experiments one after the other; each is seen live as soon as it is there.
     fn experiments(
         &self,
-        lab: &Lab,
+        fabric: &TouchedFabric,
         progress: &mut Progress,
     ) -> Result<(Vec<Shown>, Vec<File>), ReportError> {
         let ended = std::thread::scope(|scope| {
@@ -105,7 +105,7 @@ impl Stage<'_> {
                     break;
                 }
                 let place = self.folder.join(experiment.folder);
-                match lab.simulate(&experiment, &place, progress) {
+                match fabric.simulate(&experiment, &place, progress) {
                     Err(error) => {
                         self.has_failed.store(true, Ordering::Relaxed);
                         running.push(Err(error));
@@ -145,8 +145,7 @@ impl Stage<'_> {
     ) -> Result<(Shown, Vec<File>), ReportError> {
         let frames = truth.frames_v.nrows();
         let goes_on = || self.goes_on();
-        let with = (self.model, self.instrument);
-        let seen = live::run((&experiment, frames), with, self.folder, &goes_on, progress)?;
+        let seen = live::run(&experiment, frames, self, &goes_on, progress)?;
         let judged = judge::judge(&seen, &truth);
         let shown = Shown { experiment, truth, seen, judged };
         if !shown.seen.is_whole {
@@ -163,13 +162,14 @@ impl Stage<'_> {
         &self,
         shown: &[Shown],
         mut files: Vec<File>,
-        (nodes, seconds): (usize, f64),
+        nodes: usize,
+        seconds: f64,
         progress: &mut Progress,
     ) -> Result<Answer, ReportError> {
         let mut out = OutFolder::new(self.folder.path())?;
         progress.stage("report", || {
             files.extend(pictures::of_both(shown, self.model, &self.skin)?);
-            let page = page::page(shown, &files, self.model, self.folder, (nodes, seconds));
+            let page = page::page(shown, &files, self.model, self.folder, nodes, seconds);
             for (name, bytes) in &files {
                 out.write(name, |w| w.write_all(bytes).map_err(io))?;
             }
@@ -183,7 +183,7 @@ impl Stage<'_> {
             "scene": "paper-disc",
             "seconds": seconds,
             "simulation_nodes": nodes,
-            "reconstruction_nodes": self.model.setup.mesh.surface().nodes().len(),
+            "reconstruction_nodes": self.model.skin().mesh.surface().nodes().len(),
             "experiments": shown.iter().map(numbers).collect::<Vec<_>>(),
             "interrupted": false,
             "report": self.folder.join(REPORT).display().to_string(),

@@ -2,24 +2,20 @@
 
 use crate::error::ReportError;
 use crate::output::{OutFolder, io, read_images, write_npy};
-use crate::settings::DenoiseSettings;
+use crate::settings::DenoiseImages;
 use crate::{Answer, reconstruct};
 use eit_denoise::ThresholdRule;
-use eit_skin::Progress;
-use eit_skin::denoise::{Net, scores};
-use eit_skin::pipeline;
-use eit_skin::scene::Scene;
+use eit_skin::denoise::{Net, NetTarget, scores};
+use eit_skin::scene::DenoiseSettings;
+use eit_skin::{MeshOverride, Progress, Scene, Skin};
 use serde_json::json;
 
 /// Reads images and weights, checks both against the scene, denoises, draws, reports.
-pub fn run(args: &DenoiseSettings, progress: &mut Progress) -> Result<Answer, ReportError> {
+pub fn run(args: &DenoiseImages, progress: &mut Progress) -> Result<Answer, ReportError> {
     let mut scene = Scene::load(&args.scene)?;
     scene.refuse_movement("denoise")?;
-    let of_scene = scene.denoise.as_ref().map(|keys| match keys.weights.as_str() {
-        "default" => "default".to_owned(),
-        file => scene.resolve(file.as_ref()).display().to_string(),
-    });
-    let name = args.weights.clone().or(of_scene).ok_or_else(|| {
+    let of_scene = scene.stage_settings().denoise;
+    let name = args.weights.clone().or(of_scene.map(|keys| keys.weights)).ok_or_else(|| {
         ReportError::input(
             "no weights: give --weights default, a file of `eit train`, or [denoise]",
         )
@@ -34,7 +30,10 @@ pub fn run(args: &DenoiseSettings, progress: &mut Progress) -> Result<Answer, Re
         )));
     }
     let allowed = scene.denoise.as_ref().is_some_and(|keys| keys.any_skin);
-    let net = Net::load(&scene, &name, rows, args.any_skin || allowed)?;
+    let settings = DenoiseSettings { weights: name, any_skin: args.any_skin || allowed };
+    let fingerprint = &scene.skin_fingerprint()?;
+    let target = NetTarget { fingerprint, pixels: rows, sign: scene.touch.sign };
+    let net = Net::load(&settings, &target)?;
     let truth = args.truth.as_deref().map(read_images).transpose()?;
     if let Some(truth) = truth.as_ref().filter(|truth| truth.dim() != raw.dim()) {
         return Err(ReportError::input(format!(
@@ -46,8 +45,8 @@ pub fn run(args: &DenoiseSettings, progress: &mut Progress) -> Result<Answer, Re
     let mut out = OutFolder::new(&args.out)?;
     // the images say how many pixels
     scene.reconstruction.pixels = Some(rows);
-    let setup = pipeline::setup(&scene, None, None, progress)?;
-    let raster = pipeline::raster(&scene, &setup, progress)?;
+    let skin = Skin::set_up(&scene, &MeshOverride::default(), progress)?;
+    let raster = skin.raster(progress)?;
     let mut images = raw.clone();
     let applied = net.apply(&mut images, &raster, None, progress);
     applied.map_err(|e| e.within(&args.images.display().to_string()))?;
@@ -59,10 +58,10 @@ pub fn run(args: &DenoiseSettings, progress: &mut Progress) -> Result<Answer, Re
         }
     };
     out.write("images.npy", |w| write_npy(&images, w))?;
-    let skin = eit_picture::SkinDrawing::from_raster(&setup.mesh, &raster);
+    let drawing = eit_picture::SkinDrawing::from_raster(&skin.mesh, &raster);
     let rate_hz = scene.recording.frame_rate_hz;
-    let settings = reconstruct::picture_settings(&scene, "U-net".to_owned(), rate_hz);
-    reconstruct::write_pictures(&mut out, images.view(), &skin, &settings, rate_hz, progress)?;
+    let settings = reconstruct::picture_settings(&scene.name, "U-net".to_owned(), rate_hz);
+    reconstruct::write_pictures(&mut out, images.view(), &drawing, &settings, rate_hz, progress)?;
     let mut files = out.names();
     files.push("report.json");
     let json = json!({

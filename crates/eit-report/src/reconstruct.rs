@@ -13,16 +13,14 @@ use crate::settings::ReconstructSettings;
 use eit_fem::{SolvePath, SolveReport};
 use eit_mesh::Raster;
 use eit_picture::{Canvas, FrameLabels, PictureSettings, SkinDrawing, draw_sheet, write_gif};
-use eit_skin::Progress;
-use eit_skin::denoise;
-use eit_skin::frames::{self, Frames, ModelFit};
+use eit_skin::denoise::{Check, Net};
 use eit_skin::method::{self, Method};
-use eit_skin::pipeline::movement::{self, Freed};
-use eit_skin::pipeline::{self, Linearised, Setup};
-use eit_skin::plan::measured;
-use eit_skin::scene::{DifferenceKind, Reference, Scene};
+use eit_skin::movement::WithoutMovement;
+use eit_skin::scene::{DifferenceKind, Reference};
+use eit_skin::{FittedFrames, MeshOverride, Progress, Scene, Skin};
 use ndarray::{Array3, ArrayView3};
 use serde_json::{Value, json};
+use std::sync::Arc;
 
 /// Frames a second of a movie whose rate is not known.
 const MOVIE_RATE_HZ: f64 = 10.0;
@@ -45,90 +43,110 @@ struct Made {
 }
 
 /// A recording ready for a method.
+#[derive(Clone, Copy)]
 struct Task<'a> {
-    scene: &'a Scene,
+    fitted: &'a FittedFrames,
     method: Method,
-    setup: &'a Setup,
-    linearised: &'a Linearised,
-    frames: &'a Frames,
-    fit: ModelFit,
     /// Where electrodes moved: the recording as it came, and what was made of it.
-    before: Option<(&'a Task<'a>, &'a Freed)>,
+    before: Option<Before<'a>>,
+}
+
+/// A recording before the movement of electrodes was taken out, and after.
+#[derive(Clone, Copy)]
+struct Before<'a> {
+    fitted: &'a FittedFrames,
+    without: &'a WithoutMovement,
+}
+
+/// Why the method was taken, and what the user should know.
+struct Remarks {
+    why: &'static str,
+    notes: Vec<String>,
 }
 
 /// Reads frames, reconstructs, draws, reports.
+///
+/// # Errors
+///
+/// Bad input, named with its place; a method that fails; a folder that cannot be written to.
 pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer, ReportError> {
     let scene = Scene::load(&args.scene)?;
-    pipeline::touches::check(&scene)?;
+    scene.check_stages()?;
     // an unknown name is refused before anything is made
-    method::choose(&scene, args.method.as_deref(), None)?;
-    let net = denoise::of_scene(&scene)?;
+    method::choose(&scene.stage_settings(), args.method.as_deref(), None)?;
     let mut out = OutFolder::new(&args.out)?;
-    let setup = pipeline::setup(&scene, None, None, progress)?;
+    let skin = Skin::set_up(&scene, &MeshOverride::default(), progress)?;
     let reference = args.reference.clone().map(Reference::Text);
-    let mut frames = progress.stage("read frames", || {
-        frames::load(&scene, &setup.protocol, &args.frames, reference.as_ref())
-    })?;
-    let linearised = pipeline::linearise(&scene, &setup, progress)?;
-    let model_voltages = linearised.voltages.to_vec();
+    let frames =
+        progress.stage("read frames", || skin.read_frames(&args.frames, reference.as_ref()))?;
     let count = Some(frames.values.nrows());
-    let scene = measured::in_time(scene, &setup, (count, false), &model_voltages)?;
-    let choice = method::choose(&scene, args.method.as_deref(), count)?;
-    let kind = scene.difference_kind(&setup.protocol);
-    let fit = frames.fit_model(&model_voltages, kind, scene.skin.conductivity_s)?;
-    let method = choice.method;
-    let (linearised, setup) = (&linearised, &setup);
-    let task =
-        Task { scene: &scene, method, setup, linearised, frames: &frames, fit, before: None };
+    let linearised = skin.linearise(progress)?.in_frame_time(count, false)?;
+    let settings = &linearised.skin.settings;
+    let choice = method::choose(settings, args.method.as_deref(), count)?;
+    let net = skin.net()?;
+    let fitted = Arc::new(linearised).fit(frames)?;
+    let task = Task { fitted: &fitted, method: choice.method, before: None };
     let mut made = make(&task, progress)?;
-    let gain = task.fit.gain;
     if let Some(net) = &net {
         out.write("raw.npy", |w| write_npy(&made.images, w))?;
-        let mut check =
-            denoise::Check::new(&scene, (setup, linearised, &made.raster), (&frames, gain))?;
-        let checked = net.apply(&mut made.images, &made.raster, Some(&mut check), progress)?;
-        made.footnote += ", U-net";
-        made.lines.push(net.words());
-        made.report["denoise"] = net.json();
-        match checked {
-            Some(checked) => {
-                made.lines.push(checked.words());
-                made.report["denoise"]["check"] = checked.json();
-            }
-            None => made.notes.push(
-                "these weights know no limit of misfit: denoised images are not checked against \
-                 the measurements"
-                    .to_owned(),
-            ),
-        }
+        denoise(net, &fitted, &mut made, progress)?;
     }
     let denoised = net.is_some().then(|| made.images.view());
-    let (models, given) = ((setup, linearised), (&frames, gain));
-    let found = pipeline::touches::touches(&scene, models, given, denoised, progress)?;
+    let found = eit_skin::touches::touches(&fitted, denoised, progress)?;
+    let FittedFrames { skin: linearised, frames, .. } = &fitted;
     let mut notes = frames.notes.clone();
-    notes.extend(setup.notes.iter().map(|note| format!("mesh: {note}")));
+    notes.extend(linearised.skin.notes.iter().map(|note| format!("mesh: {note}")));
     notes.extend(linearised.warning.clone());
     notes.extend(made.notes.clone());
 
     out.write("images.npy", |w| write_npy(&made.images, w))?;
-    let skin = eit_picture::SkinDrawing::from_raster(&setup.mesh, &made.raster);
-    let mut settings = picture_settings(&scene, made.footnote.clone(), frames.rate_hz);
+    let drawing = SkinDrawing::from_raster(&linearised.skin.mesh, &made.raster);
+    let mut settings =
+        picture_settings(&linearised.skin.name, made.footnote.clone(), frames.rate_hz);
     if let Some(found) = &found {
         out.write("touches.csv", |w| touches::write_csv(&found.rows, w))?;
         settings.marks_m = found.marks(frames.values.nrows());
     }
-    write_pictures(&mut out, made.images.view(), &skin, &settings, frames.rate_hz, progress)?;
+    let images = made.images.view();
+    write_pictures(&mut out, images, &drawing, &settings, frames.rate_hz, progress)?;
     if let Some(curve) = &made.curve {
         out.write("hyperparameter.png", |w| Ok(curve.write_png(w)?))?;
     }
-    let mut report = report(&task, &made, (choice.why, &notes), progress);
+    let remarks = Remarks { why: choice.why, notes };
+    let mut report = report(&task, &made, &remarks, progress);
     report["touches"] = touches::touches_json(found.as_ref());
     let json = with_files(report, &out);
     out.write("report.json", |w| writeln!(w, "{json:#}").map_err(io))?;
     let line = touches::line(found.as_ref());
-    let text = format!("{line}\n{}", text(&task, &made, (choice.why, &notes), &out));
+    let text = format!("{line}\n{}", text(&task, &made, &remarks, &out));
     out.commit(&["movie.gif", "hyperparameter.png", "touches.csv", "raw.npy"])?;
     Ok(Answer { text, json })
+}
+
+/// Images through the net, those that do not explain their measurements kept raw.
+fn denoise(
+    net: &Net,
+    fitted: &FittedFrames,
+    made: &mut Made,
+    progress: &mut Progress,
+) -> Result<(), ReportError> {
+    let mut check = Check::new(fitted)?;
+    let checked = net.apply(&mut made.images, &made.raster, Some(&mut check), progress)?;
+    made.footnote += ", U-net";
+    made.lines.push(net.words());
+    made.report["denoise"] = net.json();
+    match checked {
+        Some(checked) => {
+            made.lines.push(checked.words());
+            made.report["denoise"]["check"] = checked.json();
+        }
+        None => made.notes.push(
+            "these weights know no limit of misfit: denoised images are not checked against the \
+             measurements"
+                .to_owned(),
+        ),
+    }
+    Ok(())
 }
 
 /// Images by the task's method, of data without what moving electrodes explain where the scene says
@@ -138,38 +156,32 @@ fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, ReportError> {
         Method::StTv | Method::Tv => total_variation::make(task, progress),
         _ => gauss_newton::make(task, progress),
     };
-    let Task { scene, method, .. } = *task;
-    let models = (task.setup, task.linearised);
-    let given = (task.frames, task.fit.gain);
-    let Some(freed) = movement::free(scene, method, models, given, progress)? else {
+    let fitted = task.fitted;
+    let Some(without) = fitted.without_movement(task.method, progress)? else {
         return of_method(task, progress);
     };
-    let Freed { scene, linearised, frames, .. } = &freed;
-    let left = Task { scene, linearised, frames, before: Some((task, &freed)), ..*task };
+    let before = Some(Before { fitted, without: &without });
+    let left = Task { fitted: &without.fitted, before, ..*task };
     let mut made = of_method(&left, progress)?;
     made.footnote += ", movement of electrodes taken out";
-    made.lines.push(freed.line.clone());
-    made.notes.extend(freed.note.clone());
-    made.report["electrode_movement_m"] = json!(task.scene.reconstruction.electrode_movement_m);
+    made.lines.push(without.line.clone());
+    made.notes.extend(without.note.clone());
+    let movement_m = fitted.skin.skin.settings.reconstruction.electrode_movement_m;
+    made.report["electrode_movement_m"] = json!(movement_m);
     Ok(made)
 }
 
 impl Task<'_> {
     /// Plain or normalised, of the recording as it came.
     fn kind(&self) -> DifferenceKind {
-        let scene = self.before.map_or(self.scene, |(task, _)| task.scene);
-        scene.difference_kind(&self.setup.protocol)
+        self.before.map_or(self.fitted, |before| before.fitted).skin.difference_kind()
     }
 }
 
 /// Title, footnote, labels.
-pub(super) fn picture_settings(
-    scene: &Scene,
-    footnote: String,
-    rate_hz: Option<f64>,
-) -> PictureSettings {
+pub fn picture_settings(name: &str, footnote: String, rate_hz: Option<f64>) -> PictureSettings {
     PictureSettings {
-        title: scene.name.clone(),
+        title: name.to_owned(),
         footnote,
         labels: match rate_hz {
             Some(rate_hz) => FrameLabels::Time { rate_hz },
@@ -223,27 +235,28 @@ pub fn write_pictures(
 fn report(
     task: &Task<'_>,
     made: &Made,
-    (why, notes): (&str, &[String]),
+    Remarks { why, notes }: &Remarks,
     progress: &Progress,
 ) -> Value {
-    let (frames, setup) = (task.frames, task.setup);
+    let FittedFrames { skin: linearised, frames, fit } = task.fitted;
+    let skin = &linearised.skin;
     let mut report = json!({
-        "scene": task.scene.name,
+        "scene": skin.name,
         "method": task.method.name(),
         "method_because": why,
         "frames": frames.values.nrows(),
-        "measurements": setup.protocol.measurements(),
+        "measurements": skin.protocol.measurements(),
         "measurements_used": frames.used.iter().filter(|used| **used).count(),
         "reference": frames.reference_source,
         "reciprocity_error": frames.reciprocity_error,
-        "model_gain": task.fit.gain,
-        "model_correlation": task.fit.correlation,
+        "model_gain": fit.gain,
+        "model_correlation": fit.correlation,
         "mesh": {
-            "nodes": setup.mesh.surface().nodes().len(),
-            "elements": setup.model.elements(),
+            "nodes": skin.mesh.surface().nodes().len(),
+            "elements": skin.model.elements(),
         },
-        "solve": solve_json(&task.linearised.report),
-        "difference": kind_words(task.scene.difference_kind(&setup.protocol)),
+        "solve": solve_json(&linearised.report),
+        "difference": kind_words(linearised.difference_kind()),
         "pixels": made.raster.pixels(),
         "extent_m": made.raster.extent_m(),
         "unit": "S",
@@ -272,8 +285,8 @@ fn with_files(mut report: Value, out: &OutFolder) -> Value {
     report
 }
 
-fn text(task: &Task<'_>, made: &Made, (why, notes): (&str, &[String]), out: &OutFolder) -> String {
-    let frames = task.frames;
+fn text(task: &Task<'_>, made: &Made, Remarks { why, notes }: &Remarks, out: &OutFolder) -> String {
+    let FittedFrames { frames, fit, .. } = task.fitted;
     let count = frames.values.nrows();
     let mut lines = vec![format!(
         "{count} frame{} of {} measurements against {}",
@@ -286,7 +299,7 @@ fn text(task: &Task<'_>, made: &Made, (why, notes): (&str, &[String]), out: &Out
     }
     lines.push(format!(
         "homogeneous model explains the reference with correlation {:.4}, gain {:.3}",
-        task.fit.correlation, task.fit.gain
+        fit.correlation, fit.gain
     ));
     lines.push(format!("method {} ({why})", task.method.name()));
     lines.extend(made.lines.iter().cloned());

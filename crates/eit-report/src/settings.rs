@@ -97,7 +97,7 @@ pub struct SimulateSettings {
 
 /// Settings of images through a U-net.
 #[derive(Debug, Clone)]
-pub struct DenoiseSettings {
+pub struct DenoiseImages {
     /// Scene file or built-in scene.
     pub scene: String,
     /// Images [frame, row, column].

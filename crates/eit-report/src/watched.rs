@@ -7,7 +7,7 @@ use crate::reconstruct::touches::{HEADER, write_row};
 use eit_hw::capture::{TouchRecord, TouchesRecord};
 use eit_hw::driver::Statistics;
 use eit_inverse::touch::TouchState;
-use eit_skin::live::{Sight, Summary};
+use eit_skin::live::{LiveFrame, Summary};
 use serde_json::json;
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
@@ -34,22 +34,22 @@ impl Kept {
     }
 
     /// Takes an image and its touches.
-    pub fn take(&mut self, sight: &Sight<'_>) -> Result<(), ReportError> {
-        let raster = &sight.finder.raster;
+    pub fn take(&mut self, shown: &LiveFrame<'_>) -> Result<(), ReportError> {
+        let raster = &shown.finder.raster;
         if self.images.is_none() {
             let shape = [raster.pixels(); 2];
-            let raw = sight.movie.raw().map(|_| ImageFile::new(&self.folder, "raw.npy", shape));
+            let raw = shown.images.raw().map(|_| ImageFile::new(&self.folder, "raw.npy", shape));
             let images = ImageFile::new(&self.folder, "images.npy", shape)?;
             self.images = Some((images, raw.transpose()?));
         }
         if let Some((images, raw)) = &mut self.images {
-            images.push(raster.image_from_pixels(sight.movie.pixels())?.view())?;
-            if let (Some(file), Some(raw)) = (raw, sight.movie.raw()) {
+            images.push(raster.image_from_pixels(shown.images.pixels())?.view())?;
+            if let (Some(file), Some(raw)) = (raw, shown.images.raw()) {
                 file.push(raster.image_from_pixels(raw)?.view())?;
             }
         }
-        for touch in sight.touches {
-            write_row(sight.number, sight.time_s, touch, &mut self.touches)?;
+        for touch in shown.touches {
+            write_row(shown.number, shown.time_s, touch, &mut self.touches)?;
         }
         Ok(())
     }
@@ -71,10 +71,10 @@ impl Kept {
 }
 
 /// Touches as a recording holds them.
-pub fn record_of(sight: &Sight<'_>) -> TouchesRecord {
-    let touches = sight.touches.iter().filter(|touch| touch.state != TouchState::End);
+pub fn record_of(shown: &LiveFrame<'_>) -> TouchesRecord {
+    let touches = shown.touches.iter().filter(|touch| touch.state != TouchState::End);
     TouchesRecord {
-        sequence: sight.frame.sequence,
+        sequence: shown.frame.sequence,
         touches: touches
             .map(|touch| TouchRecord {
                 name: touch.id,

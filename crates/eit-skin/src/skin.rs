@@ -7,7 +7,7 @@ use crate::scene::{
     Symmetry,
 };
 use eit_fem::analytic::DiscSeries;
-use eit_fem::fabric::FabricSettings;
+use eit_fem::fabric::{Fabric, FabricSettings};
 use eit_fem::{Elements, ForwardModel, PairProtocol, Protocol, Solution, SolveReport, Workspace};
 use eit_mesh::{Mesh, Raster};
 use std::ops::Deref;
@@ -232,6 +232,23 @@ impl Skin {
     /// Those of [`Raster::new`].
     pub fn raster(&self, progress: &mut Progress) -> Result<Raster, SkinError> {
         Ok(progress.stage("raster", || Raster::new(self.mesh.surface(), self.pixels()))?)
+    }
+
+    /// The simulated fabric of this skin: what a touch does to its voltages, with the truth beside
+    /// every frame.
+    ///
+    /// # Errors
+    ///
+    /// Settings of the fabric that cannot be simulated.
+    pub fn simulated_fabric(&self) -> Result<Fabric, SkinError> {
+        let fabric = Fabric::new(
+            &self.mesh,
+            &self.protocol,
+            self.conductivity_s,
+            &self.contact_impedance,
+            &self.fabric,
+        );
+        fabric.map_err(|e| SkinError::from(e).within(&self.place))
     }
 
     /// What rounding may cost the voltages, of the largest: a tenth of the required accuracy.

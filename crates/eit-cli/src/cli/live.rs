@@ -1,10 +1,8 @@
 //! Arguments of the commands for live instruments.
 
 use clap::Args;
+use eit_skin::live::REFERENCE_FRAMES;
 use std::path::PathBuf;
-
-/// Frames of the reference where nothing else is asked for.
-pub(crate) const QUIET: usize = 40;
 
 /// `eit devices`
 #[derive(Debug, Args)]
@@ -36,8 +34,8 @@ pub(crate) struct CheckArgs {
 #[derive(Debug, Args)]
 pub(crate) struct WatchArgs {
     /// Frames at the start of each epoch that are the reference and show the noise.
-    #[arg(long, value_name = "N", default_value_t = QUIET)]
-    pub quiet: usize,
+    #[arg(long, value_name = "N", default_value_t = REFERENCE_FRAMES)]
+    pub reference_frames: usize,
     /// Only the first N frames behind the reference.
     #[arg(long, value_name = "N")]
     pub frames: Option<u64>,

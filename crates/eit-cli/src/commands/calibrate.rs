@@ -5,10 +5,9 @@ use crate::cli::CalibrateArgs;
 use crate::error::CliError;
 use crate::progress;
 use eit_inverse::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
-use eit_skin::Progress;
-use eit_skin::frames::{self, Frames};
-use eit_skin::pipeline;
+use eit_skin::frames::Frames;
 use eit_skin::scene::{ElementKind, Reference, Scene};
+use eit_skin::{MeshOverride, Progress, Skin};
 use serde_json::{Value, json};
 
 /// Reads the frame of the untouched skin, fits, says what to write into the scene.
@@ -20,38 +19,30 @@ pub(crate) fn run(args: &CalibrateArgs) -> Result<Answer, CliError> {
         scene.mesh.elements.get_or_insert(ElementKind::Linear);
     }
     let mut progress = progress::terminal();
-    let setup = pipeline::setup(&scene, None, None, &mut progress)?;
+    let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;
     // frames that are given are of the untouched skin: all of them
     let mean = || (!args.frames.is_empty()).then(|| "mean".to_owned());
     let reference = args.reference.clone().or_else(mean).map(Reference::Text);
-    let frames = progress.stage("read frames", || {
-        frames::load(&scene, &setup.protocol, &args.frames, reference.as_ref())
-    })?;
-    let electrodes = setup.protocol.electrodes();
-    let start = scene.contact_impedance(electrodes)?;
+    let frames =
+        progress.stage("read frames", || skin.read_frames(&args.frames, reference.as_ref()))?;
     let mut notes = frames.notes.clone();
     let found = progress.stage("calibrate", || {
-        fit(&setup.model, &frames, settings(args, &scene, &frames, &start), &mut notes)
+        fit(&skin.model, &frames, settings(args, &skin, &frames), &mut notes)
     });
     let found = found.map_err(|error| error.within(&scene.place))?;
-    let json = to_json(&scene, &frames, &found, &notes, &progress);
+    let json = to_json(&skin.name, &frames, &found, &notes, &progress);
     Ok(Answer { text: text(&frames, &found, &notes), json })
 }
 
-fn settings(
-    args: &CalibrateArgs,
-    scene: &Scene,
-    frames: &Frames,
-    start: &[f64],
-) -> CalibrationSettings {
+fn settings(args: &CalibrateArgs, skin: &Skin, frames: &Frames) -> CalibrationSettings {
     // the noise of a mean of frames
     let share = (frames.reference_frames.max(1) as f64).sqrt();
-    let noise = scene.noise.additive_v.map(|e| vec![e / share; frames.used.len()]);
+    let noise = skin.settings.noise.additive_v.map(|e| vec![e / share; frames.used.len()]);
     CalibrationSettings {
         contacts: if args.one_contact { Contacts::Common } else { Contacts::Each },
         noise_std_v: noise,
         used: Some(frames.used.clone()),
-        ..CalibrationSettings::starting_at(scene.skin.conductivity_s, start)
+        ..CalibrationSettings::starting_at(skin.conductivity_s, &skin.contact_impedance)
     }
 }
 
@@ -130,7 +121,7 @@ fn text(frames: &Frames, found: &Calibration, notes: &[String]) -> String {
 }
 
 fn to_json(
-    scene: &Scene,
+    name: &str,
     frames: &Frames,
     found: &Calibration,
     notes: &[String],
@@ -139,7 +130,7 @@ fn to_json(
     let covariance: Vec<Vec<f64>> =
         found.covariance.rows().into_iter().map(|row| row.to_vec()).collect();
     json!({
-        "scene": scene.name,
+        "scene": name,
         "frame": frames.reference_source,
         "measurements_used": frames.used.iter().filter(|used| **used).count(),
         "status": status(found),

@@ -20,9 +20,8 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;
     let mut progress = progress::terminal();
-    let mut session = progress.stage("connect", || {
-        connect::open(&scene, &instrument, args.port.as_deref(), Overflow::Fail)
-    })?;
+    let mut session = progress
+        .stage("connect", || connect::open(&instrument, args.port.as_deref(), Overflow::Fail))?;
     let limit = Duration::from_secs_f64(args.seconds);
     let quiet = progress
         .stage("measure: touch nothing", || measure_quiet(&mut session, args.frames, limit))?;

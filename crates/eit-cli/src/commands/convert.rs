@@ -92,11 +92,7 @@ fn table(recording: &Recording, scene: Option<&Scene>) -> Result<Table, CliError
             },
         });
     };
-    let mesh = scene.mesh(None)?;
-    let electrodes = match mesh.electrodes() {
-        Some(count) => count,
-        None => mesh.build()?.electrodes().len(),
-    };
+    let electrodes = scene.electrode_count()?;
     let protocol = scene.protocol(electrodes)?;
     let part =
         |component| recording.frames_for(protocol.quadruples(), protocol.measurements(), component);

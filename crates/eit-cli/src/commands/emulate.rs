@@ -7,7 +7,8 @@ use crate::interrupt;
 use crate::progress;
 use eit_hw::emulator::{Emulator, FaultPlan, Listen};
 use eit_skin::emulate::{self, Content};
-use eit_skin::scene::{Scene, from_toml};
+use eit_skin::scene::from_toml;
+use eit_skin::{MeshOverride, Scene, Skin};
 use serde::Deserialize;
 use serde_json::json;
 use std::io::Write as _;
@@ -43,7 +44,8 @@ pub(crate) fn run(args: &EmulateArgs, is_json: bool) -> Result<Answer, CliError>
     }
     let content = Content { frames: args.frames.as_deref(), serial: &args.serial, seed: args.seed };
     let mut progress = progress::terminal();
-    let device = emulate::device(&scene, &instrument, &content, &mut progress)?;
+    let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;
+    let device = emulate::device(&skin, &instrument, &content, &mut progress)?;
     let interrupt = interrupt::listen()?;
     let mut emulator = Emulator::start(device, &listen, faults)?;
     let place = emulator.endpoint().to_string();

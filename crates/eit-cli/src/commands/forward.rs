@@ -1,11 +1,13 @@
 //! `eit forward`
 
-use super::{Answer, check_ending, reactive, solve, solve_json, with_warning};
+use super::{Answer, check_ending, solve};
 use crate::cli::ForwardArgs;
 use crate::error::CliError;
 use crate::progress;
 use eit_fem::Complex64;
 use eit_report::output::{OutFile, write_csv, write_npy};
+use eit_report::reconstruct::solve_json;
+use eit_report::with_warning;
 use eit_skin::scene::Scene;
 use ndarray::{Array1, Array2, Axis};
 use serde_json::json;
@@ -13,14 +15,14 @@ use serde_json::json;
 /// Solves, reports, writes voltages; complex ones where the scene stores charge.
 pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
     let format = check_ending(&args.out, &["npy", "csv"])?;
-    let scene = Scene::load(&args.scene)?;
+    let scene = Scene::load(&args.solve.scene)?;
     let out = OutFile::new(&args.out)?;
     if scene.is_reactive() {
-        return complex(args, &scene, (&format, out));
+        return complex(args, &scene, &format, out);
     }
     let mut progress = progress::terminal();
-    let files = (args.mesh.as_deref(), args.conductivity.as_deref());
-    let solved = solve(&scene, files, &mut progress, |solution| solution.measurements())?;
+    let solved =
+        solve::real(&args.solve, &scene, &mut progress, |solution| solution.measurements())?;
     let (voltages, report) = (&solved.wanted, &solved.report);
     out.write(|writer| match format.as_str() {
         "npy" => write_npy(voltages, writer),
@@ -53,11 +55,12 @@ pub(crate) fn run(args: &ForwardArgs) -> Result<Answer, CliError> {
 fn complex(
     args: &ForwardArgs,
     scene: &Scene,
-    (format, out): (&str, OutFile),
+    format: &str,
+    out: OutFile,
 ) -> Result<Answer, CliError> {
     let mut progress = progress::terminal();
-    let files = (args.mesh.as_deref(), args.conductivity.as_deref());
-    let solved = reactive::solve(scene, files, &mut progress, |solution| solution.measurements())?;
+    let solved =
+        solve::complex(&args.solve, scene, &mut progress, |solution| solution.measurements())?;
     let (voltages, report) = (&solved.wanted, &solved.report);
     out.write(|writer| match format {
         "npy" => write_npy(voltages, writer),
@@ -84,7 +87,7 @@ fn complex(
         "largest_v": largest,
         "warning": solved.warning,
         "mesh_notes": solved.notes,
-        "solve": reactive::solve_json(report),
+        "solve": solve::complex_json(report),
         "stages": progress.times(),
     });
     Ok(Answer { text: with_warning(text, solved.warning.as_ref()), json })

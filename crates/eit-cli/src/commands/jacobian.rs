@@ -1,24 +1,25 @@
 //! `eit jacobian`
 
-use super::{Answer, check_ending, reactive, solve, solve_json, with_warning};
+use super::{Answer, check_ending, solve};
 use crate::cli::JacobianArgs;
 use crate::error::CliError;
 use crate::progress;
 use eit_report::output::{OutFile, write_npy};
+use eit_report::reconstruct::solve_json;
+use eit_report::with_warning;
 use eit_skin::scene::Scene;
 use serde_json::json;
 
 /// Solves, writes the Jacobian; a complex one where the scene stores charge.
 pub(crate) fn run(args: &JacobianArgs) -> Result<Answer, CliError> {
     check_ending(&args.out, &["npy"])?;
-    let scene = Scene::load(&args.scene)?;
+    let scene = Scene::load(&args.solve.scene)?;
     let out = OutFile::new(&args.out)?;
     if scene.is_reactive() {
         return complex(args, &scene, out);
     }
     let mut progress = progress::terminal();
-    let files = (args.mesh.as_deref(), args.conductivity.as_deref());
-    let solved = solve(&scene, files, &mut progress, |solution| solution.jacobian())?;
+    let solved = solve::real(&args.solve, &scene, &mut progress, |solution| solution.jacobian())?;
     let (jacobian, report) = (&solved.wanted, &solved.report);
     out.write(|writer| write_npy(jacobian, writer))?;
     let [rows, columns] = [jacobian.nrows(), jacobian.ncols()];
@@ -44,8 +45,7 @@ pub(crate) fn run(args: &JacobianArgs) -> Result<Answer, CliError> {
 /// The holomorphic derivative of complex voltages with respect to complex admittivities.
 fn complex(args: &JacobianArgs, scene: &Scene, out: OutFile) -> Result<Answer, CliError> {
     let mut progress = progress::terminal();
-    let files = (args.mesh.as_deref(), args.conductivity.as_deref());
-    let solved = reactive::solve(scene, files, &mut progress, |solution| solution.jacobian())?;
+    let solved = solve::complex(&args.solve, scene, &mut progress, |solution| solution.jacobian())?;
     let (jacobian, report) = (&solved.wanted, &solved.report);
     out.write(|writer| write_npy(jacobian, writer))?;
     let [rows, columns] = [jacobian.nrows(), jacobian.ncols()];
@@ -66,7 +66,7 @@ fn complex(args: &JacobianArgs, scene: &Scene, out: OutFile) -> Result<Answer, C
         "shape": [rows, columns],
         "warning": solved.warning,
         "mesh_notes": solved.notes,
-        "solve": reactive::solve_json(report),
+        "solve": solve::complex_json(report),
         "stages": progress.times(),
     });
     Ok(Answer { text: with_warning(text, solved.warning.as_ref()), json })

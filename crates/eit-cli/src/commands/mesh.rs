@@ -9,8 +9,8 @@ use eit_picture::View;
 use eit_picture::{ColorMap, MeshDrawing, PictureSettings, draw_mesh};
 use eit_report::ReportError;
 use eit_report::output::OutFile;
-use eit_skin::pipeline::mesh_choice::{self, Accuracy, Choice, words};
-use eit_skin::scene::Scene;
+
+use eit_skin::scene::{Accuracy, MeshChoice, Scene, element_words};
 use serde_json::json;
 use std::io::Write;
 
@@ -21,8 +21,8 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
     let out = OutFile::new(&args.out)?;
     let wanted = scene.mesh(args.nodes)?;
     let mut progress = progress::terminal();
-    let Choice { mesh, elements, notes, accuracy } =
-        mesh_choice::mesh(&scene, (&wanted, args.nodes.is_some()), &mut progress)?;
+    let MeshChoice { mesh, elements, notes, accuracy } =
+        scene.choose_mesh(&wanted, args.nodes.is_some(), &mut progress)?;
     let quality = Quality::of(&mesh);
     out.write(|writer| match format.as_str() {
         "msh" => Ok(eit_mesh::write_gmsh(&mesh, &mut &mut *writer, GmshVersion::V4_1, &[])?),
@@ -44,13 +44,13 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
         "area_m2": quality.area_m2,
         "elements_per_electrode": quality.elements_per_electrode,
         "electrode_measures": measures(&mesh),
-        "elements": words(elements),
+        "elements": element_words(elements),
         "accuracy": accuracy.as_ref().map(Accuracy::json),
         "mesh_notes": notes,
         "stages": progress.times(),
     });
     let chosen = accuracy.map_or_else(String::new, |accuracy| {
-        format!("\nfor {} elements: {}", words(elements), accuracy.words())
+        format!("\nfor {} elements: {}", element_words(elements), accuracy.words())
     });
     Ok(Answer { text: format!("{quality}{chosen}\nwritten: {}", args.out.display()), json })
 }

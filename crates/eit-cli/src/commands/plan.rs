@@ -4,8 +4,10 @@ use super::Answer;
 use crate::cli::PlanArgs;
 use crate::error::CliError;
 use crate::progress;
-use eit_skin::plan::{self, Plan};
-use eit_skin::scene::Scene;
+use eit_skin::method;
+use eit_skin::plan::{self, Plan, PlanText};
+use eit_skin::reactive::ReactiveSkin;
+use eit_skin::{MeshOverride, Scene, Skin};
 use serde_json::json;
 
 /// Prints the scene, or what it needs.
@@ -16,6 +18,18 @@ pub(crate) fn run(args: &PlanArgs) -> Result<Answer, CliError> {
         return Ok(Answer { text: text.trim_end().to_owned(), json });
     }
     let scene = Scene::load(&args.scene)?;
-    let Plan { text, json } = plan::plan(scene, args.method.as_deref(), &mut progress::terminal())?;
-    Ok(Answer { text, json })
+    let mut progress = progress::terminal();
+    let (method, mesh) = (args.method.as_deref(), MeshOverride::default());
+    if scene.is_reactive() {
+        if method.is_some() {
+            scene.refuse_reactive()?;
+        }
+        let skin = ReactiveSkin::set_up(&scene, &mesh, &mut progress)?;
+        let PlanText { text, json } = plan::of_reactive(&skin, &mut progress)?;
+        return Ok(Answer { text, json });
+    }
+    method::choose(&scene.stage_settings(), method, None)?;
+    let skin = Skin::set_up(&scene, &mesh, &mut progress)?;
+    let plan = Plan::of(skin, method, &mut progress)?;
+    Ok(Answer { text: plan.text(), json: plan.json() })
 }

@@ -9,11 +9,12 @@ use eit_hw::capture::{CaptureSettings, CaptureWriter};
 use eit_hw::driver::{Event, Overflow, Session};
 use eit_skin::connect;
 use eit_skin::scene::Scene;
+use eit_skin::words::event_words;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// So often it is looked whether to end.
+/// How often to check for shutdown.
 const WAIT: Duration = Duration::from_millis(50);
 
 /// Records until enough frames came, the time is over, or Ctrl-C.
@@ -32,10 +33,9 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
     let instrument = scene.instrument()?;
     let interrupt = interrupt::listen()?;
     let mut progress = progress::terminal();
-    let mut session = progress.stage("connect", || {
-        connect::open(&scene, &instrument, args.port.as_deref(), Overflow::Fail)
-    })?;
-    let record = connect::session_record(&scene, &instrument, &session)?;
+    let mut session = progress
+        .stage("connect", || connect::open(&instrument, args.port.as_deref(), Overflow::Fail))?;
+    let record = connect::session_record(&scene.to_toml()?, &instrument, &session);
     let bytes_before = std::fs::metadata(place).map_or(0, |data| data.len());
     let settings = CaptureSettings { sync: args.sync, ..CaptureSettings::default() };
     let mut writer = match place.exists() {
@@ -71,7 +71,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
             .map_err(|error| stopped(error, place, taken.frames))?
     {}
     writer.finish().map_err(|error| stopped(error.into(), place, taken.frames))?;
-    Ok(answer((place, bytes_before), &session, &taken, interrupted))
+    Ok(answer(place, bytes_before, &session, &taken, interrupted))
 }
 
 /// A place that cannot be written to is bad input, other than a disk that gets full.
@@ -114,7 +114,7 @@ impl Taken {
                 session.recycle(frame);
             }
             Some(other) => {
-                if let Some(words) = connect::words(&other) {
+                if let Some(words) = event_words(&other) {
                     writer.note(&words)?;
                     self.notes += 1;
                 }
@@ -144,7 +144,8 @@ fn stopped(error: CliError, place: &Path, frames: u64) -> CliError {
 }
 
 fn answer(
-    (place, bytes_before): (&Path, u64),
+    place: &Path,
+    bytes_before: u64,
     session: &Session,
     taken: &Taken,
     interrupted: bool,

@@ -9,16 +9,18 @@ use eit_hw::Frame;
 use eit_hw::HwError;
 use eit_hw::driver::{Event, FrameSource, Pace, Replay, Setup, Statistics};
 use eit_report::watched::answer;
-use eit_skin::live::Model;
+use eit_skin::live::LiveModel;
 use eit_skin::scene::Scene;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Watches to the end of the recording, Ctrl-C or enough frames.
 pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
     let mut progress = progress::terminal();
-    let model = Model::new(scene, args.watch.quiet, &mut progress)?;
-    let protocol = &model.setup.protocol;
+    let frames = args.watch.reference_frames;
+    let model = Arc::new(LiveModel::from_scene(&scene, frames, &mut progress)?);
+    let protocol = &model.skin().protocol;
     let quadruples = protocol.quadruples().ok_or_else(|| {
         CliError::input("[protocol] has general current patterns, which no recording names")
     })?;

@@ -8,7 +8,8 @@ use eit_denoise::{TrainSettings, TrainStatus, UnetShape};
 use eit_report::curve;
 use eit_report::output::OutFile;
 use eit_skin::scene::Scene;
-use eit_skin::train::{self, BaseRequest, Training, Workshop};
+use eit_skin::train::{self, BaseRequest, MadeBy, Sequences, Training, Worth};
+use eit_skin::{MeshOverride, Skin};
 use serde_json::json;
 use std::collections::BTreeMap;
 
@@ -34,10 +35,11 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
     let mut progress = progress::terminal();
-    let workshop = Workshop::new(&scene, &request, &mut progress)?;
+    let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;
+    let sequences = Sequences::new(&skin, &request, &mut progress)?;
     let folder = args.base.clone().unwrap_or_else(|| args.out.with_extension("base"));
     let stop = interrupt::listen()?;
-    let base = train::base(&request, &scene, &workshop, &folder, threads, &stop, &mut progress)?;
+    let base = train::base(&request, &sequences, &folder, threads, &stop, &mut progress)?;
     let (learnt, held_out) = progress.stage("read the base", || train::shards(&base))?;
     let name = base.checksum()?;
     let training = Training {
@@ -48,30 +50,23 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         engine: args.engine,
         stop: &stop,
     };
-    let trainer = train::learn(&training, &workshop, learnt, &held_out, &mut progress)?;
-    let skin = scene.skin_fingerprint()?;
-    let bare = trainer.weights(&skin, base.settings().pixels, BTreeMap::new());
-    let (scores, limit) = progress.stage("compare", || {
+    let trainer = train::learn(&training, &sequences, learnt, &held_out, &mut progress)?;
+    let bare = trainer.weights(&skin.fingerprint, base.settings().pixels, BTreeMap::new());
+    let worth = progress.stage("compare", || {
         let scores = train::held_out_scores(&bare, &held_out)?;
-        Ok::<_, CliError>((scores, train::misfit_limit(&bare, &held_out, &workshop)?))
+        let misfit_limit = train::misfit_limit(&bare, &held_out, &sequences)?;
+        Ok::<_, CliError>(Worth { scores, misfit_limit })
     })?;
     let program = format!("eit {}", env!("CARGO_PKG_VERSION"));
-    let weights = train::weights(
-        &scene,
-        &base,
-        &name,
-        &trainer,
-        &scores,
-        limit,
-        &program,
-        env!("EIT_COMMIT"),
-    )?;
+    let made_by = MadeBy { program: &program, commit: env!("EIT_COMMIT") };
+    let weights = train::weights(&skin, &base, &trainer, &worth, &made_by)?;
+    let Worth { scores, misfit_limit: limit } = worth;
     let bytes = weights.to_bytes()?;
     out.write(|w| w.write_all(&bytes).map_err(eit_report::output::io))?;
     curve::write(&trainer, &args.out)?;
     let json = json!({
         "scene": scene.name,
-        "skin": skin,
+        "skin": skin.fingerprint,
         "base": folder.display().to_string(),
         "base_checksum": name,
         "examples": base.frames(),

@@ -4,7 +4,7 @@ use crate::error::CliError;
 use eit_inverse::touch::TouchState;
 use eit_picture::{ColorMap, FrameLabels, PictureSettings, SkinDrawing, draw_sheet};
 use eit_report::output::OutFile;
-use eit_skin::live::{Model, Sight};
+use eit_skin::live::{LiveFrame, LiveModel};
 use ndarray::{Array3, ArrayView2};
 use std::collections::VecDeque;
 use std::fmt::Write as _;
@@ -30,23 +30,23 @@ struct Range {
 }
 
 impl Range {
-    fn of(&mut self, sight: &Sight<'_>) -> f64 {
-        let size = sight.movie.pixels().iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    fn of(&mut self, shown: &LiveFrame<'_>) -> f64 {
+        let size = shown.images.pixels().iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         self.largest.push_back(size);
         if self.largest.len() > RANGE_FRAMES {
             self.largest.pop_front();
         }
         let largest = self.largest.iter().copied().fold(0.0, f64::max);
-        largest.max(RANGE_IN_LEVELS * sight.finder.level_s())
+        largest.max(RANGE_IN_LEVELS * shown.finder.level_s())
     }
 }
 
-/// The image of a sight, [1, row, column].
-fn image(sight: &Sight<'_>) -> Result<Array3<f64>, CliError> {
-    let pixels = sight.movie.pixels();
+/// The image of a shown, [1, row, column].
+fn image(shown: &LiveFrame<'_>) -> Result<Array3<f64>, CliError> {
+    let pixels = shown.images.pixels();
     let row = ArrayView2::from_shape((1, pixels.len()), pixels)
         .map_err(|e| CliError::Failure(format!("image: {e}")))?;
-    Ok(sight.finder.raster.images_from_pixels(row)?)
+    Ok(shown.finder.raster.images_from_pixels(row)?)
 }
 
 /// A PNG file of the latest image, replaced in one step.
@@ -65,27 +65,27 @@ impl Picture {
     }
 
     /// Draws it, if the last one is old enough.
-    pub fn show(&mut self, model: &Model, sight: &Sight<'_>) -> Result<(), CliError> {
-        let range = self.range.of(sight);
+    pub fn show(&mut self, model: &LiveModel, shown: &LiveFrame<'_>) -> Result<(), CliError> {
+        let range = self.range.of(shown);
         if self.last.is_some_and(|last| last.elapsed() < PICTURE_EVERY) {
             return Ok(());
         }
         let skin = self.skin.get_or_insert_with(|| {
-            eit_picture::SkinDrawing::from_raster(&model.setup.mesh, &sight.finder.raster)
+            eit_picture::SkinDrawing::from_raster(&model.skin().mesh, &shown.finder.raster)
         });
-        let marks = sight.touches.iter().filter(|touch| touch.valid);
+        let marks = shown.touches.iter().filter(|touch| touch.valid);
         let settings = PictureSettings {
-            title: model.scene.name.clone(),
-            footnote: sight.movie.words().to_owned(),
+            title: model.skin().name.clone(),
+            footnote: shown.images.words().to_owned(),
             labels: FrameLabels::Text(vec![format!(
                 "frame {}, {:.2} s",
-                sight.frame.sequence, sight.time_s
+                shown.frame.sequence, shown.time_s
             )]),
             range: Some([-range, range]),
             marks_m: vec![marks.map(|t| [t.position_m[0], t.position_m[1]]).collect()],
             ..Default::default()
         };
-        let sheet = draw_sheet(image(sight)?.view(), skin, &settings)?;
+        let sheet = draw_sheet(image(shown)?.view(), skin, &settings)?;
         OutFile::new(&self.path)?.write(|out| Ok(sheet.write_png(out)?))?;
         self.last = Some(Instant::now());
         Ok(())
@@ -117,17 +117,17 @@ impl Terminal {
     }
 
     /// Draws the view, if the last one is old enough.
-    pub fn show(&mut self, sight: &Sight<'_>) -> Result<(), CliError> {
+    pub fn show(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
         self.arrivals.push_back(Instant::now());
         if self.arrivals.len() > RANGE_FRAMES {
             self.arrivals.pop_front();
         }
-        let range = self.range.of(sight);
+        let range = self.range.of(shown);
         if !self.is_on || self.last.is_some_and(|last| last.elapsed() < TERMINAL_EVERY) {
             return Ok(());
         }
         self.last = Some(Instant::now());
-        let mut text = blocks(image(sight)?.view().index_axis(ndarray::Axis(0), 0), range);
+        let mut text = blocks(image(shown)?.view().index_axis(ndarray::Axis(0), 0), range);
         let rate = match (self.arrivals.front(), self.arrivals.back()) {
             (Some(first), Some(last)) if last > first => {
                 (self.arrivals.len() - 1) as f64 / (*last - *first).as_secs_f64()
@@ -135,10 +135,10 @@ impl Terminal {
             _ => 0.0,
         };
         let latency =
-            sight.latency_s.map_or(String::new(), |s| format!(", {:.1} ms late", 1e3 * s));
+            shown.latency_s.map_or(String::new(), |s| format!(", {:.1} ms late", 1e3 * s));
         // writing to a String does not fail
-        let _ = writeln!(text, "frame {}, {rate:.1} a second{latency}", sight.frame.sequence);
-        for touch in sight.touches.iter().filter(|touch| touch.state != TouchState::End) {
+        let _ = writeln!(text, "frame {}, {rate:.1} a second{latency}", shown.frame.sequence);
+        for touch in shown.touches.iter().filter(|touch| touch.state != TouchState::End) {
             let [x, y, _] = touch.position_m.map(|part| 1e3 * part);
             let _ = writeln!(
                 text,

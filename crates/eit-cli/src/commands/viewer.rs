@@ -8,12 +8,13 @@ use eit_hw::capture::CaptureWriter;
 use eit_hw::driver::Event;
 use eit_report::watched::{Kept, record_of};
 use eit_skin::StopFlag;
-use eit_skin::live::{Model, Sight, Summary, Watcher};
+use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, Summary};
+use eit_skin::words::event_words;
 use std::time::{Duration, Instant};
 
 /// Shows, records and keeps.
 pub(super) struct Viewer<'a> {
-    model: &'a Model,
+    model: &'a LiveModel,
     frames: u64,
     start: Instant,
     limit: Option<Duration>,
@@ -27,7 +28,7 @@ pub(super) struct Viewer<'a> {
 impl<'a> Viewer<'a> {
     /// Reserves what will be written.
     pub fn new(
-        model: &'a Model,
+        model: &'a LiveModel,
         args: &WatchArgs,
         limit: Option<Duration>,
         is_shown: bool,
@@ -60,12 +61,12 @@ impl<'a> Viewer<'a> {
     }
 }
 
-impl Watcher for Viewer<'_> {
+impl LiveObserver for Viewer<'_> {
     type Error = CliError;
 
     fn event(&mut self, event: &Event) -> Result<(), CliError> {
         let Some(writer) = &mut self.writer else { return Ok(()) };
-        match (event, eit_skin::connect::words(event)) {
+        match (event, event_words(event)) {
             (Event::Frame(frame), _) => writer.frame(frame)?,
             (_, Some(words)) => writer.note(&words)?,
             _ => {}
@@ -85,18 +86,18 @@ impl Watcher for Viewer<'_> {
         Ok(())
     }
 
-    fn sight(&mut self, sight: &Sight<'_>) -> Result<(), CliError> {
-        self.terminal.show(sight)?;
+    fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
+        self.terminal.show(shown)?;
         if let Some(picture) = &mut self.picture {
-            picture.show(self.model, sight)?;
+            picture.show(self.model, shown)?;
         }
         if let Some(writer) = &mut self.writer
-            && !sight.touches.is_empty()
+            && !shown.touches.is_empty()
         {
-            writer.touches(&record_of(sight))?;
+            writer.touches(&record_of(shown))?;
         }
         if let Some(kept) = &mut self.kept {
-            kept.take(sight)?;
+            kept.take(shown)?;
         }
         Ok(())
     }

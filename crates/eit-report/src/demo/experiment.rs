@@ -4,13 +4,10 @@ use crate::error::ReportError;
 use crate::output::{OutFolder, write_npy};
 use eit_fem::fabric::{Fabric, PlayCircle, Simulation, SimulationSettings, TouchScript};
 use eit_mesh::Raster;
-use eit_skin::Progress;
-use eit_skin::pipeline::{self, Setup};
-use eit_skin::scene::Scene;
+use eit_skin::live::REFERENCE_FRAMES;
+use eit_skin::{MeshOverride, Progress, Scene, Skin, rounding_warning};
 use std::path::Path;
 
-/// Frames before the first touch: the reference, also of `eit replay`.
-pub(super) const QUIET: usize = eit_skin::live::REFERENCE_FRAMES;
 /// Nodes of the mesh that simulates: 3.5 times those that reconstruct; quick: 1.5 times.
 const NODES: [usize; 2] = [7000, 3000];
 /// Frames after the quiet ones, quick.
@@ -66,46 +63,43 @@ pub(super) const EXPERIMENTS: [Experiment; 2] = [
     },
 ];
 
-/// The fabric that is touched.
-pub(super) struct Lab {
-    setup: Setup,
+/// The simulated fabric that is touched.
+pub(super) struct TouchedFabric {
+    skin: Skin,
     raster: Raster,
     fabric: Fabric,
     quick: bool,
 }
 
-impl Lab {
+impl TouchedFabric {
     /// On a finer mesh than the one that reconstructs.
     pub fn new(scene: &Scene, quick: bool, progress: &mut Progress) -> Result<Self, ReportError> {
-        let setup = pipeline::setup(scene, None, Some(NODES[usize::from(quick)]), progress)?;
-        let raster = pipeline::raster(scene, &setup, progress)?;
-        let impedance = scene.contact_impedance(setup.mesh.electrodes().len())?;
-        let settings = scene.fabric.clone().unwrap_or_default();
-        let conductivity_s = scene.skin.conductivity_s;
-        let fabric =
-            Fabric::new(&setup.mesh, &setup.protocol, conductivity_s, &impedance, &settings)?;
-        Ok(Self { setup, raster, fabric, quick })
+        let mesh = MeshOverride { file: None, nodes: Some(NODES[usize::from(quick)]) };
+        let skin = Skin::set_up(scene, &mesh, progress)?;
+        let raster = skin.raster(progress)?;
+        let fabric = skin.simulated_fabric()?;
+        Ok(Self { skin, raster, fabric, quick })
     }
 
     /// Nodes of its mesh.
     pub fn nodes(&self) -> usize {
-        self.setup.mesh.surface().nodes().len()
+        self.skin.mesh.surface().nodes().len()
     }
 
     /// The script of an experiment, with more quiet frames before it.
     pub fn script(&self, experiment: &Experiment) -> Result<TouchScript, ReportError> {
-        let circle = PlayCircle::of(&self.setup.mesh);
+        let circle = PlayCircle::of(&self.skin.mesh);
         let mut script = TouchScript::built_in(experiment.script, &circle, SEED)?;
-        let more = QUIET.saturating_sub(script.quiet_frames);
+        let more = REFERENCE_FRAMES.saturating_sub(script.quiet_frames);
         script.quiet_frames += more;
         script.frames += more;
         let shift_s = more as f64 / script.frame_rate_hz;
         let keys = script.fingers.iter_mut().flat_map(|finger| &mut finger.keys);
         keys.for_each(|key| key.time_s += shift_s);
         if self.quick {
-            script.frames = QUIET + QUICK_FRAMES;
+            script.frames = REFERENCE_FRAMES + QUICK_FRAMES;
         }
-        script.validate(&self.setup.mesh)?;
+        script.validate(&self.skin.mesh)?;
         Ok(script)
     }
 
@@ -123,7 +117,7 @@ impl Lab {
             let mut tick = |done| bar.set_position(done);
             self.fabric.simulate(&script, &self.raster, &how, &mut tick)
         })?;
-        pipeline::certain(&made.report.untouched)?;
+        rounding_warning(&made.report.untouched)?;
         let mut out = OutFolder::new(folder)?;
         out.write("frames.npy", |w| write_npy(&made.frames_v, w))?;
         out.write("truth.npy", |w| write_npy(&made.truth.conductivity_change_s, w))?;

@@ -1,7 +1,7 @@
 //! An experiment as it would be on a real skin: instrument, driver, recording, images, touches.
 
-use super::experiment::{Experiment, QUIET};
-use super::folder::DemoFolder;
+use super::Stage;
+use super::experiment::Experiment;
 use crate::error::ReportError;
 use crate::watched::{Kept, record_of};
 use eit_hw::capture::{CaptureSettings, CaptureWriter};
@@ -12,8 +12,9 @@ use eit_skin::Progress;
 use eit_skin::Steps;
 use eit_skin::connect;
 use eit_skin::emulate::{self, Content};
-use eit_skin::live::{Model, Sight, Summary, Watcher};
+use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, REFERENCE_FRAMES, Summary};
 use eit_skin::scene::Instrument;
+use eit_skin::words::event_words;
 use ndarray::{Array2, Array3, Axis};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -49,17 +50,18 @@ struct Wire {
 
 /// Plays the frames of a file once through an emulated instrument and looks at them live.
 pub(super) fn run(
-    (experiment, frames): (&Experiment, usize),
-    (model, instrument): (&Model, &Instrument),
-    folder: &DemoFolder,
+    experiment: &Experiment,
+    frames: usize,
+    stage: &Stage<'_>,
     goes_on: &(dyn Fn() -> bool + Sync),
     progress: &mut Progress,
 ) -> Result<Seen, ReportError> {
-    let wanted = frames.saturating_sub(QUIET);
+    let Stage { model, instrument, folder, .. } = *stage;
+    let wanted = frames.saturating_sub(REFERENCE_FRAMES);
     progress.steps(experiment.stages[1], wanted, |bar| {
         let own = folder.join(experiment.folder);
         let mut wire = connect(model, instrument, &own.join("frames.npy"))?;
-        let record = connect::session_record(&model.scene, instrument, &wire.session)?;
+        let record = connect::session_record(&model.skin().scene_toml, instrument, &wire.session);
         let place = folder.join(experiment.recording);
         let writer = CaptureWriter::create(&place, &record, CaptureSettings::default())?;
         let mut watcher = Demo {
@@ -105,14 +107,14 @@ fn stacked(images: &[Array2<f64>]) -> Result<Array3<f64>, ReportError> {
 }
 
 /// Starts the instrument on a pseudo-terminal and opens it; on TCP where that fails, and says why.
-fn connect(model: &Model, instrument: &Instrument, frames: &Path) -> Result<Wire, ReportError> {
+fn connect(model: &LiveModel, instrument: &Instrument, frames: &Path) -> Result<Wire, ReportError> {
     let content = Content { frames: Some(frames), serial: "demo", seed: 0 };
     let open = |listen: &Listen, line: &str| {
         let mut silent = Progress::silent();
-        let device = emulate::device(&model.scene, instrument, &content, &mut silent)?;
+        let device = emulate::device(model.skin(), instrument, &content, &mut silent)?;
         let emulator = Emulator::start(device, listen, FaultPlan::default())?;
         let port = emulator.endpoint().to_string();
-        let session = connect::open(&model.scene, instrument, Some(&port), Overflow::Fail)?;
+        let session = connect::open(instrument, Some(&port), Overflow::Fail)?;
         Ok::<_, ReportError>(Wire { session, emulator, line: line.to_owned(), folder: None })
     };
     let why = match on_terminal(&open) {
@@ -166,11 +168,11 @@ struct Pile {
     touches: Vec<Vec<Touch>>,
 }
 
-impl Watcher for Demo<'_, '_> {
+impl LiveObserver for Demo<'_, '_> {
     type Error = ReportError;
 
     fn event(&mut self, event: &Event) -> Result<(), ReportError> {
-        match (event, connect::words(event)) {
+        match (event, event_words(event)) {
             (Event::Frame(frame), _) => {
                 self.last = Instant::now();
                 self.writer.frame(frame)?;
@@ -191,23 +193,23 @@ impl Watcher for Demo<'_, '_> {
         Ok(self.writer.tick()?)
     }
 
-    fn sight(&mut self, sight: &Sight<'_>) -> Result<(), ReportError> {
-        self.kept.take(sight)?;
-        if !sight.touches.is_empty() {
-            self.writer.touches(&record_of(sight))?;
+    fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), ReportError> {
+        self.kept.take(shown)?;
+        if !shown.touches.is_empty() {
+            self.writer.touches(&record_of(shown))?;
         }
-        let raster = &sight.finder.raster;
-        let made = raster.image_from_pixels(sight.movie.pixels())?;
-        let raw = match sight.movie.raw() {
+        let raster = &shown.finder.raster;
+        let made = raster.image_from_pixels(shown.images.pixels())?;
+        let raw = match shown.images.raw() {
             Some(raw) => raster.image_from_pixels(raw)?,
             None => made.clone(),
         };
-        let alive = sight.touches.iter().filter(|touch| touch.state != TouchState::End);
-        self.pile.frames.push(sight.frame.sequence as usize);
+        let alive = shown.touches.iter().filter(|touch| touch.state != TouchState::End);
+        self.pile.frames.push(shown.frame.sequence as usize);
         self.pile.raw.push(raw);
         self.pile.made.push(made);
         self.pile.touches.push(alive.copied().collect());
-        self.bar.set_position(sight.number as usize + 1);
+        self.bar.set_position(shown.number as usize + 1);
         Ok(())
     }
 

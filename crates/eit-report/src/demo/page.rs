@@ -4,7 +4,7 @@ use super::folder::DemoFolder;
 use super::judge::Judged;
 use super::pictures::{self, File, Shown};
 use crate::html::{Block, Page, Section};
-use eit_skin::live::Model;
+use eit_skin::live::LiveModel;
 use eit_skin::method::Method;
 use eit_skin::plan::{left_out, sequence::Sequence};
 
@@ -12,9 +12,10 @@ use eit_skin::plan::{left_out, sequence::Sequence};
 pub(super) fn page(
     shown: &[Shown],
     files: &[File],
-    model: &Model,
+    model: &LiveModel,
     folder: &DemoFolder,
-    (nodes, seconds): (usize, f64),
+    nodes: usize,
+    seconds: f64,
 ) -> Page {
     let mut sections = vec![what(shown, files, model, nodes, seconds)];
     sections.extend(shown.iter().map(|shown| of_experiment(shown, files)));
@@ -39,7 +40,7 @@ fn picture(files: &[File], name: &str, caption: String) -> Option<Block> {
     Some(Block::Picture { bytes, caption })
 }
 
-fn what(shown: &[Shown], files: &[File], model: &Model, nodes: usize, seconds: f64) -> Section {
+fn what(shown: &[Shown], files: &[File], model: &LiveModel, nodes: usize, seconds: f64) -> Section {
     let mut blocks = Vec::new();
     let caption = "Three frames of each experiment. From top to bottom: the true change of the \
                    sheet conductivity, the reconstruction, and what the U-net makes of it.";
@@ -52,7 +53,7 @@ fn what(shown: &[Shown], files: &[File], model: &Model, nodes: usize, seconds: f
          instrument over {}, read by the same driver that reads a real one, recorded, and turned \
          into images and touches as they come. Nothing of the truth is known to that side. All of it \
          took {seconds:.0} s.",
-        model.setup.mesh.surface().nodes().len(),
+        model.skin().mesh.surface().nodes().len(),
         lines.first().copied().unwrap_or("nothing"),
     )));
     blocks.push(table(shown));
@@ -177,14 +178,13 @@ fn latency(shown: &[Shown], files: &[File]) -> Section {
     Section { title: "How fast, and how near the optimum".to_owned(), blocks }
 }
 
-fn left_out_section(shown: &[Shown], model: &Model) -> Section {
+fn left_out_section(shown: &[Shown], model: &LiveModel) -> Section {
     let frames = shown.first().map_or(0, |shown| shown.seen.frames.len());
     let sequence = Sequence::Frames(frames);
-    let mut list: Vec<(String, String)> =
-        left_out::of(&model.scene, &model.setup, Method::StTv, sequence)
-            .into_iter()
-            .map(|(what, why)| (what.to_owned(), why))
-            .collect();
+    let mut list: Vec<(String, String)> = left_out::of(model.skin(), Method::StTv, sequence)
+        .into_iter()
+        .map(|part| (part.what.to_owned(), part.why))
+        .collect();
     let more = [
         (
             "a deadline",

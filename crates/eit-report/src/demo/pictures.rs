@@ -1,7 +1,7 @@
 //! The pictures: each tells what one of the paper's figures tells.
 //! Long because they are one list.
 
-use super::experiment::{Experiment, QUIET};
+use super::experiment::Experiment;
 use super::judge::{ImageError, Judged};
 use super::live::Seen;
 use crate::error::ReportError;
@@ -12,7 +12,7 @@ use eit_picture::{
     TracksPanel, draw_mesh, draw_plot, draw_sheet, draw_tracks, write_gif,
 };
 use eit_skin::Steps;
-use eit_skin::live::Model;
+use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
 use ndarray::{Array3, ArrayView2, Axis};
 
 /// The mesh, in the place of the paper's figure 3.
@@ -267,7 +267,7 @@ fn movie(shown: &Shown, skin: &SkinDrawing, bar: &Steps<'_>) -> Result<Vec<u8>, 
 /// What both experiments share.
 pub(super) fn of_both(
     shown: &[Shown],
-    model: &Model,
+    model: &LiveModel,
     skin: &SkinDrawing,
 ) -> Result<Vec<File>, ReportError> {
     let mut files = vec![png(MESH, &mesh(model)?)?, png(WAYS, &all_ways(shown, skin)?)?];
@@ -287,8 +287,8 @@ pub(super) fn of_both(
 }
 
 /// The mesh that reconstructs, with its electrodes.
-fn mesh(model: &Model) -> Result<Canvas, ReportError> {
-    let surface = model.setup.mesh.surface();
+fn mesh(model: &LiveModel) -> Result<Canvas, ReportError> {
+    let surface = model.skin().mesh.surface();
     let nodes_m: Vec<[f64; 2]> = surface.nodes().iter().map(|p| [p[0], p[1]]).collect();
     let triangles: Vec<[usize; 3]> =
         surface.triangles().iter().map(|t| t.map(|node| node as usize)).collect();
@@ -299,7 +299,7 @@ fn mesh(model: &Model) -> Result<Canvas, ReportError> {
     };
     Ok(draw_mesh(
         &drawing,
-        &eit_picture::SkinDrawing::from_mesh(&model.setup.mesh, &View::TOP),
+        &eit_picture::SkinDrawing::from_mesh(&model.skin().mesh, &View::TOP),
         &settings,
     )?)
 }
@@ -308,8 +308,10 @@ fn mesh(model: &Model) -> Result<Canvas, ReportError> {
 fn all_ways(shown: &[Shown], skin: &SkinDrawing) -> Result<Canvas, ReportError> {
     let panel = |shown: &Shown| {
         let frames = shown.truth.frames_v.nrows();
-        let label =
-            format!("{}: {frames} frames, the first {QUIET} untouched", shown.experiment.name);
+        let label = format!(
+            "{}: {frames} frames, the first {REFERENCE_FRAMES} untouched",
+            shown.experiment.name
+        );
         let mut tracks = ways(&shown.truth, None);
         let starts = tracks.iter().filter_map(|track| track.places_m.first().copied());
         let starts = Track {

@@ -4,26 +4,25 @@ use super::{Made, Task, kind_words};
 use crate::error::ReportError;
 use eit_inverse::{CurvePoint, Differences, HyperparameterStatus, MovieReport};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
-use eit_skin::Progress;
 use eit_skin::method::Method;
-use eit_skin::pipeline::imaging::{prior, settings};
-use eit_skin::pipeline::{self, Imaging, sequence};
+use eit_skin::one_step::Imaging;
 use eit_skin::scene::DifferenceKind;
+use eit_skin::{FittedFrames, Progress, check_images, sequence};
 use ndarray::Array3;
 use serde_json::{Value, json};
 
 /// Chooses the hyperparameter for one-step images, then takes the wanted method with it.
 pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, ReportError> {
-    let Task { scene, setup, linearised, frames, .. } = *task;
+    let fitted = task.fitted;
     let left = match task.before {
-        Some((_, freed)) => freed.imaging(setup, progress)?,
+        Some(before) => before.without.one_step(progress)?,
         None => None,
     };
     let imaging = match left {
         Some(imaging) => imaging,
-        None => pipeline::imaging(scene, setup, linearised, frames, progress)?,
+        None => fitted.one_step(progress)?,
     };
-    let (images, movie) = images(task, &imaging, progress)?;
+    let Images { images, report: movie } = images(task, &imaging, progress)?;
     let mut report = imaging_json(&imaging);
     match &movie {
         Some(movie) => {
@@ -32,12 +31,12 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
             report["seconds"] = json!(movie.seconds);
             report["residual"] = json!(movie.residual);
             let used = imaging.difference.report().measurements_used as f64;
-            let is_known = scene.noise.additive_v.is_some() || scene.noise.white;
+            let is_known = task.knows_noise();
             report["residual_wanted"] = json!(is_known.then(|| used.sqrt()));
         }
         None => {
             report["status"] = json!("direct");
-            report["relative_residual"] = json!(imaging.residuals(frames)?);
+            report["relative_residual"] = json!(imaging.residuals(&fitted.frames)?);
         }
     }
     let inverse = imaging.difference.report();
@@ -62,27 +61,42 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
 }
 
 /// Images [frame, row, column] and, for a method of sequences, its report.
+struct Images {
+    images: Array3<f64>,
+    report: Option<MovieReport>,
+}
+
+impl Task<'_> {
+    /// Whether the noise is stated, or the data are white.
+    fn knows_noise(&self) -> bool {
+        let settings = &self.fitted.skin.skin.settings;
+        self.before.is_some() || settings.noise.additive_v.is_some()
+    }
+}
+
+/// Makes them.
 fn images(
     task: &Task<'_>,
     imaging: &Imaging,
     progress: &mut Progress,
-) -> Result<(Array3<f64>, Option<MovieReport>), ReportError> {
-    let Task { scene, setup, linearised, frames, .. } = *task;
+) -> Result<Images, ReportError> {
+    let FittedFrames { skin: linearised, frames, .. } = task.fitted;
     if task.method == Method::GaussNewton {
-        return Ok((imaging.images(frames, progress)?.into_parts().0, None));
+        let images = imaging.images(frames, progress)?.into_parts().0;
+        return Ok(Images { images, report: None });
     }
-    pipeline::check_images(frames.values.nrows(), &imaging.raster)?;
-    let prior = prior(scene, setup)?;
-    let mut settings = settings(scene, setup, linearised, &frames.used)?;
+    check_images(frames.values.nrows(), &imaging.raster)?;
+    let prior = linearised.prior()?;
+    let mut settings = task.fitted.one_step_settings()?;
     settings.hyperparameter = imaging.difference.report().hyperparameter;
-    if scene.noise.additive_v.is_some() || scene.noise.white {
+    if task.knows_noise() {
         // with gain and reference, so that residuals are in units of the noise; images depend on
         // ratios alone
-        let known = pipeline::noise::known(scene, frames, (&settings.data, task.fit.gain))?;
+        let known = task.fitted.noise()?;
         settings.noise_std = known.map(|noise| noise.std);
     }
     let built = progress.stage("set-up of the method", || {
-        sequence::method(task.method, scene, (setup, linearised), prior.as_ref(), settings)
+        sequence::method(task.method, linearised, prior.as_ref(), settings)
     })?;
     let Some(mut method) = built else {
         return Err(ReportError::Failure(format!("{} works on pixels", task.method.name())));
@@ -91,7 +105,8 @@ fn images(
     let differences = Differences { values: values.view(), good: Some(frames.good.view()) };
     let movie = progress.stage("images", || method.reconstruct(&differences))?;
     let pixels = sequence::pixels_of(movie.images.view(), &imaging.raster)?;
-    Ok((imaging.raster.images_from_pixels(pixels.view())?, Some(movie.report)))
+    let images = imaging.raster.images_from_pixels(pixels.view())?;
+    Ok(Images { images, report: Some(movie.report) })
 }
 
 /// Small print of pictures.

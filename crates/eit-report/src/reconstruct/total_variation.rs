@@ -4,22 +4,16 @@ use super::{Made, Task, kind_words};
 use crate::error::ReportError;
 use eit_inverse::{Certificate, MovieReport, MovieStatus, WeightPoint, WeightStatus};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
-use eit_skin::Progress;
-use eit_skin::pipeline::{self, tv::TvMovie, tv::Weights};
+use eit_skin::total_variation::{TvMovie, Weights, stop};
+use eit_skin::{FittedFrames, Progress, check_images};
 use serde_json::{Value, json};
 
 /// Chooses the weights, solves, and tells how well.
 pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, ReportError> {
-    let Task { scene, setup, linearised, frames, .. } = *task;
-    let raster = pipeline::raster(scene, setup, progress)?;
-    pipeline::check_images(frames.values.nrows(), &raster)?;
-    let movie = pipeline::tv::reconstruct(
-        scene,
-        task.method,
-        (setup, linearised, &raster),
-        (frames, task.fit.gain),
-        progress,
-    )?;
+    let FittedFrames { skin, frames, .. } = task.fitted;
+    let raster = skin.raster(progress)?.clone();
+    check_images(frames.values.nrows(), &raster)?;
+    let movie = task.fitted.total_variation(task.method, progress)?;
     let images = raster.images_from_pixels(movie.pixels.view())?;
     Ok(Made {
         images,
@@ -84,7 +78,7 @@ fn report(task: &Task<'_>, movie: &TvMovie) -> Value {
         "status": solved.map_or("nothing to solve", |report| status_words(report.status)),
         "iterations": solved.map_or(0, |report| report.iterations),
         "seconds": solved.map_or(0.0, |report| report.seconds),
-        "target_gap": pipeline::tv::stop(&task.scene.reconstruction).target_gap,
+        "target_gap": stop(&task.fitted.skin.skin.settings.reconstruction).target_gap,
         "gap": certificate.map(|c| c.relative_gap()),
         "primal": certificate.map(|c| c.primal),
         "lower_bound": certificate.map(|c| c.lower_bound),

@@ -3,7 +3,7 @@
 use crate::error::ReportError;
 use crate::output::io;
 use eit_inverse::touch::{Touch, TouchState};
-use eit_skin::pipeline::touches::Touches;
+use eit_skin::touches::{TouchRow, Touches};
 use serde_json::{Value, json};
 use std::io::Write;
 
@@ -12,9 +12,9 @@ pub const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,area_m2,intensity,co
                       vx,vy,valid";
 
 /// One row for each touch of each frame.
-pub fn write_csv(rows: &[(usize, f64, Touch)], out: &mut dyn Write) -> Result<(), ReportError> {
+pub fn write_csv(rows: &[TouchRow], out: &mut dyn Write) -> Result<(), ReportError> {
     writeln!(out, "{HEADER}").map_err(io)?;
-    rows.iter().try_for_each(|(frame, time_s, touch)| write_row(*frame as u64, *time_s, touch, out))
+    rows.iter().try_for_each(|row| write_row(row.frame as u64, row.time_s, &row.touch, out))
 }
 
 /// One row of it.
