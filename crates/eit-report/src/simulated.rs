@@ -6,12 +6,11 @@ use crate::output::ending;
 use crate::output::{OutFile, OutFolder, io, write_csv, write_npy};
 use crate::settings::SimulateSettings;
 use eit_fem::fabric::{
-    Fabric, PlayCircle, Simulation, SimulationSettings, TouchScript, TrueQuality,
+    PlayCircle, Simulation, SimulationSettings, TouchScript, TrueQuality,
 };
 use eit_mesh::{Mesh, Raster};
 use eit_picture::{FrameLabels, PictureSettings, draw_sheet, write_gif};
-use eit_skin::Progress;
-use eit_skin::pipeline;
+use eit_skin::{MeshOverride, Progress, Skin, check_images, rounding_warning};
 use eit_skin::scene::{Scene, Shape, from_toml};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -41,31 +40,23 @@ pub fn run(args: &SimulateSettings, progress: &mut Progress) -> Result<Answer, R
         Shape::Mesh => args.nodes,
         _ => Some(args.nodes.unwrap_or(NODES)),
     };
-    let setup = pipeline::setup(&scene, None, nodes, progress)?;
-    let script = script(args, file, &setup.mesh)?;
-    let raster = pipeline::raster(&scene, &setup, progress)?;
-    pipeline::check_images(2 * script.frames, &raster)?;
+    let skin = Skin::set_up(&scene, &MeshOverride { file: None, nodes }, progress)?;
+    let script = script(args, file, &skin.mesh)?;
+    let raster = skin.raster(progress)?;
+    check_images(2 * script.frames, &raster)?;
     let threads = match args.threads {
         Some(threads) => threads,
         None => std::thread::available_parallelism().map_or(1, usize::from),
     };
     let how = SimulationSettings { seed: args.seed, threads, keep_elements: false };
-    let impedance = scene.contact_impedance(setup.mesh.electrodes().len())?;
-    let fabric = Fabric::new(
-        &setup.mesh,
-        &setup.protocol,
-        scene.skin.conductivity_s,
-        &impedance,
-        &scene.fabric.clone().unwrap_or_default(),
-    )
-    .map_err(|e| ReportError::from(e).within(&scene.place))?;
+    let fabric = skin.simulated_fabric()?;
     let made = progress.steps("simulate", script.frames, |bar| {
         fabric.simulate(&script, &raster, &how, &mut |done| bar.set_position(done))
     });
     let made = made.map_err(|e| ReportError::from(e).within(&args.script))?;
-    let note = pipeline::certain(&made.report.untouched)?;
+    let note = rounding_warning(&made.report.untouched)?;
     let what =
-        Made { scene: &scene, script: &script, mesh: &setup.mesh, raster: &raster, made: &made };
+        Made { scene: &scene, script: &script, mesh: &skin.mesh, raster: &raster, made: &made };
     if let Out::Folder(folder) = &mut out {
         what.write_numbers(folder)?;
         what.write_texts(folder)?;

@@ -3,8 +3,11 @@
 use crate::error::SkinError;
 use crate::scene::Instrument;
 use eit_hw::HwError;
+#[cfg(feature = "recording")]
 use eit_hw::capture::SessionRecord;
-use eit_hw::driver::{FrameSource, Overflow, Session, SessionSettings};
+#[cfg(feature = "recording")]
+use eit_hw::driver::FrameSource;
+use eit_hw::driver::{Overflow, Session, SessionSettings};
 
 /// Frames that may wait while a recorder is busy with the disk: 8 s at 1000 frames a second.
 const RECORDER_FRAMES: usize = 8192;
@@ -42,6 +45,7 @@ pub fn open(
 }
 
 /// What a recording says about itself.
+#[cfg(feature = "recording")]
 pub fn session_record(
     scene_toml: &str,
     instrument: &Instrument,

@@ -45,11 +45,22 @@ impl Played {
     }
 }
 
+/// Frames that an emulated instrument plays over and over.
+#[derive(Debug, Clone, Copy)]
+pub enum PlayedFrames<'a> {
+    /// The untouched skin by its own model, with noise.
+    Untouched,
+    /// A file of frames in the protocol's order.
+    File(&'a Path),
+    /// Values [frame, measurement], volt, in the protocol's order.
+    Values(&'a Array2<f64>),
+}
+
 /// What is sent.
+#[derive(Debug, Clone, Copy)]
 pub struct Content<'a> {
-    /// Frames of the scene's protocol, played over and over; `None`: the untouched skin by the
-    /// scene's own model, with noise.
-    pub frames: Option<&'a Path>,
+    /// What is played over and over.
+    pub frames: PlayedFrames<'a>,
     /// Serial number.
     pub serial: &'a str,
     /// Seed of the noise.
@@ -65,8 +76,15 @@ pub fn device(
 ) -> Result<Box<dyn Device>, SkinError> {
     let wanted = quadruples(instrument);
     let played = match content.frames {
-        Some(file) => from_file(skin, instrument, &wanted, file)?,
-        None => from_model(skin, instrument, &wanted, content.seed, progress)?,
+        PlayedFrames::File(file) => from_file(skin, instrument, &wanted, file)?,
+        PlayedFrames::Values(values) => Played {
+            real: arranged(&instrument.quadruples, values, &wanted)
+                .map_err(|why| mismatch(skin, instrument, &why))?,
+            imaginary: None,
+            noise: 0.0,
+            random: Pcg64::new(0, 0),
+        },
+        PlayedFrames::Untouched => from_model(skin, instrument, &wanted, content.seed, progress)?,
     };
     match &instrument.kind {
         DriverKind::Eits1 => Ok(eits1(instrument, content.serial, played)),

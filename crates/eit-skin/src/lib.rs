@@ -1,8 +1,14 @@
 #![doc = include_str!("../README.md")]
 #![allow(missing_docs)]
 
+#[cfg(feature = "hw")]
 pub mod connect;
+#[cfg(feature = "denoise")]
 pub mod denoise;
+#[cfg(not(feature = "denoise"))]
+#[path = "denoise_absent.rs"]
+mod denoise;
+#[cfg(feature = "hw")]
 pub mod emulate;
 mod error;
 pub mod frames;

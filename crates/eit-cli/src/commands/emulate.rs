@@ -6,7 +6,7 @@ use crate::error::CliError;
 use crate::interrupt;
 use crate::progress;
 use eit_hw::emulator::{Emulator, FaultPlan, Listen};
-use eit_skin::emulate::{self, Content};
+use eit_skin::emulate::{self, Content, PlayedFrames};
 use eit_skin::scene::from_toml;
 use eit_skin::{MeshOverride, Scene, Skin};
 use serde::Deserialize;
@@ -42,7 +42,8 @@ pub(crate) fn run(args: &EmulateArgs, is_json: bool) -> Result<Answer, CliError>
         }
         instrument.frame_rate_hz = rate_hz;
     }
-    let content = Content { frames: args.frames.as_deref(), serial: &args.serial, seed: args.seed };
+    let frames = args.frames.as_deref().map_or(PlayedFrames::Untouched, PlayedFrames::File);
+    let content = Content { frames, serial: &args.serial, seed: args.seed };
     let mut progress = progress::terminal();
     let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;
     let device = emulate::device(&skin, &instrument, &content, &mut progress)?;

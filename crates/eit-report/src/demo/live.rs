@@ -11,7 +11,7 @@ use eit_inverse::touch::{Touch, TouchState};
 use eit_skin::Progress;
 use eit_skin::Steps;
 use eit_skin::connect;
-use eit_skin::emulate::{self, Content};
+use eit_skin::emulate::{self, Content, PlayedFrames};
 use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, REFERENCE_FRAMES, Summary};
 use eit_skin::scene::Instrument;
 use eit_skin::words::event_words;
@@ -108,7 +108,7 @@ fn stacked(images: &[Array2<f64>]) -> Result<Array3<f64>, ReportError> {
 
 /// Starts the instrument on a pseudo-terminal and opens it; on TCP where that fails, and says why.
 fn connect(model: &LiveModel, instrument: &Instrument, frames: &Path) -> Result<Wire, ReportError> {
-    let content = Content { frames: Some(frames), serial: "demo", seed: 0 };
+    let content = Content { frames: PlayedFrames::File(frames), serial: "demo", seed: 0 };
     let open = |listen: &Listen, line: &str| {
         let mut silent = Progress::silent();
         let device = emulate::device(model.skin(), instrument, &content, &mut silent)?;

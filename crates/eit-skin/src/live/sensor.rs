@@ -8,7 +8,7 @@ use eit_hw::driver::{Event, FrameSource, Statistics};
 use eit_hw::{Frame, Unit};
 use eit_inverse::touch::Touch;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// How long to wait for an event before looking again.
 const WAIT: Duration = Duration::from_millis(50);
@@ -39,6 +39,8 @@ pub struct Sensor {
     reference_frames: usize,
     /// The frame whose touches were given last.
     last: Option<Frame>,
+    /// When that was.
+    taken: Option<Instant>,
 }
 
 /// Where frames come from.
@@ -60,11 +62,12 @@ impl std::fmt::Debug for Source {
 }
 
 impl Skin {
-    /// Opens the scene's instrument. The skin must be untouched until the reference is taken.
+    /// Opens the scene's instrument (feature `hw`). The skin must be untouched until the reference is taken.
     ///
     /// # Errors
     ///
     /// No instrument in the scene, or one that does not answer as it should.
+    #[cfg(feature = "hw")]
     pub fn open(&self) -> Result<Sensor, SkinError> {
         self.open_at(None)
     }
@@ -74,6 +77,7 @@ impl Skin {
     /// # Errors
     ///
     /// As [`Skin::open`].
+    #[cfg(feature = "hw")]
     pub fn open_at(&self, port: Option<&str>) -> Result<Sensor, SkinError> {
         let instrument = self.instrument.as_ref().ok_or_else(|| {
             SkinError::input("has no [instrument]: nothing to open").within(&self.place)
@@ -83,11 +87,12 @@ impl Skin {
         self.sensor_of(Box::new(session), true)
     }
 
-    /// Plays a recording as if it were live, as fast as the touches are asked for.
+    /// Plays a recording as if it were live (feature `recording`), as fast as the touches are asked for.
     ///
     /// # Errors
     ///
     /// A recording that cannot be read, or of another protocol.
+    #[cfg(feature = "recording")]
     pub fn replay(&self, recording: impl AsRef<std::path::Path>) -> Result<Sensor, SkinError> {
         let quadruples = self.protocol.quadruples().ok_or_else(|| {
             SkinError::input("[protocol] has general current patterns, which no recording names")
@@ -107,10 +112,15 @@ impl Skin {
         let rate_hz = self.settings.recording.frame_rate_hz;
         let stream = LiveStream::of_unit(model, Unit::Volt, rate_hz);
         let reference_frames = REFERENCE_FRAMES;
-        Ok(Sensor { stream, source: Source::Pushed, reference_frames, last: None })
+        Ok(Sensor { stream, source: Source::Pushed, reference_frames, last: None, taken: None })
     }
 
-    fn sensor_of(
+    /// Frames of any source; `is_live`: they come now, so that their latency counts.
+    ///
+    /// # Errors
+    ///
+    /// As [`Skin::sensor`].
+    pub fn sensor_of(
         &self,
         frames: Box<dyn FrameSource + Send>,
         is_live: bool,
@@ -118,7 +128,7 @@ impl Skin {
         let model = Arc::new(LiveModel::new(self, REFERENCE_FRAMES, &mut Progress::silent())?);
         let stream = LiveStream::new(model, frames.setup());
         let source = Source::Stream { frames, is_live };
-        Ok(Sensor { stream, source, reference_frames: REFERENCE_FRAMES, last: None })
+        Ok(Sensor { stream, source, reference_frames: REFERENCE_FRAMES, last: None, taken: None })
     }
 }
 
@@ -166,6 +176,13 @@ impl Sensor {
         }
     }
 
+    /// The touches of the last frame, if it came within `age`: `None` while the reference is taken and
+    /// where the instrument has been silent for longer.
+    pub fn touches_within(&self, age: Duration) -> Option<&[Touch]> {
+        let is_fresh = self.taken.is_some_and(|taken| taken.elapsed() <= age);
+        self.shown().filter(|_| is_fresh).map(|shown| shown.touches)
+    }
+
     /// Frames at the start that are the reference.
     pub fn reference_frames(&self) -> usize {
         self.reference_frames
@@ -174,6 +191,7 @@ impl Sensor {
     /// Takes a new reference: the next frames must be those of the untouched skin.
     pub fn restart(&mut self) {
         self.stream.restart();
+        self.taken = None;
     }
 
     /// Frames that were lost, flagged or damaged so far; `None` where frames are pushed.
@@ -215,7 +233,7 @@ impl Sensor {
                 Ok(if self.take(is_live)? { Polled::Touches } else { Polled::Nothing })
             }
             Some(Event::Reconnected { .. }) => {
-                self.stream.restart();
+                self.restart();
                 Ok(Polled::Nothing)
             }
             _ => Ok(Polled::Nothing),
@@ -225,7 +243,9 @@ impl Sensor {
     /// Whether the last frame has an image.
     fn take(&mut self, is_live: bool) -> Result<bool, SkinError> {
         let Some(frame) = &self.last else { return Ok(false) };
-        Ok(matches!(self.stream.push(frame, is_live)?, Pushed::Image(_)))
+        let has_image = matches!(self.stream.push(frame, is_live)?, Pushed::Image(_));
+        self.taken = has_image.then(Instant::now);
+        Ok(has_image)
     }
 }
 

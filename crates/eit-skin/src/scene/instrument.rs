@@ -8,7 +8,7 @@ use eit_hw::driver::{
     Board, Driver, Eits1, Gain, PairWidth, Polarity, Range, Sciospec, SciospecSettings,
 };
 use eit_hw::{Endpoint, Layout, Quadruple};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// Frames a second where the scene states none.
 const DEFAULT_RATE_HZ: f64 = 20.0;
@@ -18,7 +18,7 @@ const DEFAULT_BAUD: u32 = 115_200;
 const DEFAULT_SCIOSPEC_HZ: f64 = 1e4;
 
 /// `[instrument]`
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct InstrumentSettings {
     /// "eits1", "sciospec", "csv", or the name of a board.
@@ -35,7 +35,7 @@ pub struct InstrumentSettings {
 }
 
 /// `instrument.pair_width`
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PairWidthKind {
     Byte,
@@ -43,7 +43,7 @@ pub enum PairWidthKind {
 }
 
 /// `instrument.polarity`
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PolarityKind {
     Measured,

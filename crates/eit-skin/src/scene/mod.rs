@@ -29,11 +29,11 @@ pub use settings::{FrameSettings, StageSettings, Symmetry};
 
 use crate::error::SkinError;
 use eit_fem::fabric::FabricSettings;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// A scene as written; see `docs/SCENE.md` for every key.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
     /// Shape and background of the skin.
@@ -74,10 +74,13 @@ pub struct Scene {
     /// Folder that relative paths start from.
     #[serde(skip)]
     pub folder: PathBuf,
+    /// The text that it was read from.
+    #[serde(skip)]
+    pub(crate) source: Option<String>,
 }
 
 /// `[skin]`
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SkinSettings {
     pub shape: Shape,
@@ -95,8 +98,72 @@ pub struct SkinSettings {
     pub permittivity_f: Option<f64>,
 }
 
+impl SkinSettings {
+    fn of(shape: Shape, conductivity_s: f64) -> Self {
+        Self {
+            shape,
+            radius_m: None,
+            width_m: None,
+            height_m: None,
+            outline: None,
+            holes: Vec::new(),
+            file: None,
+            scale_m: None,
+            conductivity_s,
+            permittivity_f: None,
+        }
+    }
+
+    /// A disc of this radius and sheet conductivity, siemens per square.
+    pub fn disc(radius_m: f64, conductivity_s: f64) -> Self {
+        Self { radius_m: Some(radius_m), ..Self::of(Shape::Disc, conductivity_s) }
+    }
+
+    /// A dome of this radius.
+    pub fn hemisphere(radius_m: f64, conductivity_s: f64) -> Self {
+        Self { radius_m: Some(radius_m), ..Self::of(Shape::Hemisphere, conductivity_s) }
+    }
+
+    /// A rectangle around the origin.
+    pub fn rectangle(width_m: f64, height_m: f64, conductivity_s: f64) -> Self {
+        Self {
+            width_m: Some(width_m),
+            height_m: Some(height_m),
+            ..Self::of(Shape::Rectangle, conductivity_s)
+        }
+    }
+
+    /// A polygon; holes are added as further loops.
+    pub fn polygon(outline_m: &[[f64; 2]], conductivity_s: f64) -> Self {
+        let outline = Some(outline_m.iter().map(|&corner| Pair(corner)).collect());
+        Self { outline, ..Self::of(Shape::Polygon, conductivity_s) }
+    }
+
+    /// A mesh file, in units of `scale_m` metres.
+    pub fn mesh(file: impl Into<PathBuf>, scale_m: f64, conductivity_s: f64) -> Self {
+        Self {
+            file: Some(file.into()),
+            scale_m: Some(scale_m),
+            ..Self::of(Shape::Mesh, conductivity_s)
+        }
+    }
+}
+
+impl ElectrodeSettings {
+    /// So many of equal width along the rim, the first at +x, counter-clockwise; their contact
+    /// impedance in ohm metre.
+    pub fn equally_spaced(count: usize, width_m: f64, contact_impedance_ohm_m: f64) -> Self {
+        Self {
+            count: Some(count),
+            width_m: Some(OneOrMany::One(width_m)),
+            contact_impedance_ohm_m: Some(OneOrMany::One(contact_impedance_ohm_m)),
+            ..Self::default()
+        }
+    }
+}
+
 /// `skin.shape`
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Shape {
     Disc,
@@ -107,7 +174,7 @@ pub enum Shape {
 }
 
 /// `[electrodes]`
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ElectrodeSettings {
     pub count: Option<usize>,
@@ -125,7 +192,7 @@ pub struct ElectrodeSettings {
 }
 
 /// `electrodes.direction`
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Direction {
     #[default]
@@ -134,9 +201,22 @@ pub enum Direction {
 }
 
 /// Exactly two values; a plain array type would drop a third one silently.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(try_from = "Vec<T>", bound = "T: Deserialize<'de> + Copy")]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
+#[serde(try_from = "Vec<T>", into = "Vec<T>")]
+#[serde(bound(deserialize = "T: Deserialize<'de> + Copy", serialize = "T: Serialize + Copy"))]
 pub struct Pair<T: Copy>(pub [T; 2]);
+
+impl<T: Copy> From<Pair<T>> for Vec<T> {
+    fn from(pair: Pair<T>) -> Self {
+        pair.0.to_vec()
+    }
+}
+
+impl<T: Copy> From<[T; 2]> for Pair<T> {
+    fn from(values: [T; 2]) -> Self {
+        Self(values)
+    }
+}
 
 impl<T: Copy> TryFrom<Vec<T>> for Pair<T> {
     type Error = String;
@@ -148,9 +228,15 @@ impl<T: Copy> TryFrom<Vec<T>> for Pair<T> {
 }
 
 /// A place, metres: [x, y], or [x, y, z] on a curved skin.
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(try_from = "Vec<f64>")]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
+#[serde(try_from = "Vec<f64>", into = "Vec<f64>")]
 pub struct Position(pub [f64; 3]);
+
+impl From<Position> for Vec<f64> {
+    fn from(position: Position) -> Self {
+        position.0.to_vec()
+    }
+}
 
 impl TryFrom<Vec<f64>> for Position {
     type Error = String;
@@ -170,7 +256,7 @@ fn plain<T: Copy>(pairs: &[Pair<T>]) -> Vec<[T; 2]> {
 }
 
 /// One value for all electrodes, or one for each.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a number, or a list with one number per electrode")]
 pub enum OneOrMany {
     One(f64),
@@ -178,7 +264,7 @@ pub enum OneOrMany {
 }
 
 /// `[protocol]`
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProtocolSettings {
     pub drive: Option<String>,
@@ -199,7 +285,7 @@ pub struct ProtocolSettings {
 }
 
 /// `protocol.driven_electrodes`
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Driven {
     #[default]
@@ -208,7 +294,7 @@ pub enum Driven {
 }
 
 /// `protocol.order`
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
     #[default]
@@ -217,7 +303,7 @@ pub enum Order {
 }
 
 /// `[mesh]`
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshDensity {
     pub edge_m: Option<f64>,
@@ -232,7 +318,7 @@ pub struct MeshDensity {
 }
 
 /// `mesh.required_accuracy`: a part of the largest voltage, or "noise".
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a part of the largest voltage, or \"noise\"")]
 pub enum RequiredAccuracyKey {
     Relative(f64),
@@ -240,7 +326,7 @@ pub enum RequiredAccuracyKey {
 }
 
 /// Rules of `mesh.required_accuracy`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AccuracyRule {
     /// The standard deviation of a voltage.
@@ -248,7 +334,7 @@ pub enum AccuracyRule {
 }
 
 /// `mesh.elements`
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ElementKind {
     Linear,
@@ -256,7 +342,7 @@ pub enum ElementKind {
 }
 
 /// `[recording]`
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordingSettings {
     pub file: Option<OneOrManyFiles>,
@@ -275,7 +361,7 @@ pub struct RecordingSettings {
 }
 
 /// One file, or several whose frames follow each other.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a file name, or a list of them")]
 pub enum OneOrManyFiles {
     One(PathBuf),
@@ -283,7 +369,7 @@ pub enum OneOrManyFiles {
 }
 
 /// `recording.frames_are`: how a table holds frames.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FramesAre {
     /// One frame a row.
@@ -295,7 +381,7 @@ pub enum FramesAre {
 }
 
 /// `recording.component`: which real number is taken of complex data.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Component {
     #[default]
@@ -306,7 +392,7 @@ pub enum Component {
 }
 
 /// `recording.reference` or `--reference`: a frame number, "mean", "N..M" or a file.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a frame number, \"mean\", \"N..M\" or a file name")]
 pub enum Reference {
     Frame(usize),
@@ -324,7 +410,7 @@ impl Reference {
 }
 
 /// `[noise]`
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct NoiseSettings {
     /// Standard deviation of a voltage, volt.
@@ -334,7 +420,7 @@ pub struct NoiseSettings {
 }
 
 /// `[touch]`
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct TouchSettings {
     pub false_alarms_per_hour: Option<f64>,
@@ -350,7 +436,7 @@ pub struct TouchSettings {
 }
 
 /// `touch.sign`: which changes of conductivity are touches.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TouchSign {
     #[default]
@@ -359,7 +445,7 @@ pub enum TouchSign {
 }
 
 /// `[denoise]`
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct DenoiseSettings {
     /// "default", or a file of `eit train`.
@@ -372,7 +458,9 @@ pub struct DenoiseSettings {
 impl Scene {
     /// Reads a scene file, or takes a built-in scene by its name, and checks it.
     pub fn load(name_or_path: &str) -> Result<Self, SkinError> {
-        let mut scene = parse::parse(&Self::text(name_or_path)?, name_or_path)?;
+        let text = Self::text(name_or_path)?;
+        let mut scene = parse::parse(&text, name_or_path)?;
+        scene.source = Some(text);
         scene.place = name_or_path.to_owned();
         scene.name = name_or_path.to_owned();
         if builtin::text(name_or_path).is_none() {
@@ -403,15 +491,66 @@ impl Scene {
         })
     }
 
-    /// The scene as TOML: as it was written.
+    /// A scene built in code; every other setting is its default until it is set.
+    ///
+    /// ```
+    /// use eit_skin::scene::{ElectrodeSettings, Scene, SkinSettings};
+    /// let electrodes = ElectrodeSettings::equally_spaced(16, 0.0196, 1e3);
+    /// let mut scene = Scene::new(SkinSettings::disc(0.1, 1e-5), electrodes);
+    /// scene.noise.additive_v = Some(1e-6);
+    /// let skin = eit_skin::Skin::from_scene(scene)?;
+    /// assert_eq!(skin.mesh.electrodes().len(), 16);
+    /// # Ok::<(), eit_skin::SkinError>(())
+    /// ```
+    pub fn new(skin: SkinSettings, electrodes: ElectrodeSettings) -> Self {
+        Self {
+            skin,
+            electrodes,
+            protocol: ProtocolSettings::default(),
+            mesh: MeshDensity::default(),
+            recording: RecordingSettings::default(),
+            reconstruction: ReconstructionSettings::default(),
+            noise: NoiseSettings::default(),
+            fabric: None,
+            touch: TouchSettings::default(),
+            denoise: None,
+            instrument: None,
+            name: "skin".to_owned(),
+            place: "scene".to_owned(),
+            folder: PathBuf::new(),
+            source: None,
+        }
+    }
+
+    /// The scene as TOML: as it was written where it was read from a file and not changed since.
+    ///
+    /// # Errors
+    ///
+    /// Settings that TOML cannot hold, such as integers beyond 63 bits.
     pub fn to_toml(&self) -> Result<String, SkinError> {
-        Self::text(&self.place)
+        if let Some(text) = &self.source
+            && parse::parse(text, &self.place).is_ok_and(|written| self.has_settings_of(&written))
+        {
+            return Ok(text.clone());
+        }
+        toml::to_string(self)
+            .map_err(|e| SkinError::Failure(format!("{}: not writable as TOML: {e}", self.place)))
+    }
+
+    /// Whether the settings are those of another scene, wherever it came from.
+    fn has_settings_of(&self, other: &Self) -> bool {
+        let Self { name, place, folder, source, .. } = self.clone();
+        *self == Self { name, place, folder, source, ..other.clone() }
     }
 
     /// What a net that was trained on this scene belongs to: checksum of skin, electrodes and
     /// protocol, as written, with the content of files that they name.
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be read.
     pub fn skin_fingerprint(&self) -> Result<String, SkinError> {
-        let table: toml::Table = from_toml(&Self::text(&self.place)?, &self.place)?;
+        let table: toml::Table = from_toml(&self.to_toml()?, &self.place)?;
         let mut hash = crc32fast::Hasher::new();
         for section in ["skin", "electrodes", "protocol"] {
             let Some(toml::Value::Table(keys)) = table.get(section) else { continue };

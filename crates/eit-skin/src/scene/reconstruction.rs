@@ -1,9 +1,9 @@
 //! `[reconstruction]`: what image is wanted.
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// `[reconstruction]`
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReconstructionSettings {
     pub method: Option<String>,
@@ -72,7 +72,7 @@ impl ReconstructionSettings {
 }
 
 /// `reconstruction.delta`: a number, or by the noise.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a number, or \"noise\"")]
 pub enum Delta {
     Value(f64),
@@ -80,7 +80,7 @@ pub enum Delta {
 }
 
 /// Rules for the radius.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeltaRule {
     /// The root of the number of measurements.
@@ -88,7 +88,7 @@ pub enum DeltaRule {
 }
 
 /// `reconstruction.prior`
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PriorKind {
     Tikhonov,
@@ -98,7 +98,7 @@ pub enum PriorKind {
 }
 
 /// `reconstruction.hyperparameter`: a number or a rule.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a number, or one of \"noise-figure\", \"l-curve\", \"gcv\"")]
 pub enum Hyperparameter {
     Value(f64),
@@ -106,7 +106,7 @@ pub enum Hyperparameter {
 }
 
 /// Rules that choose the hyperparameter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rule {
     NoiseFigure,
@@ -115,7 +115,7 @@ pub enum Rule {
 }
 
 /// `reconstruction.difference`
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DifferenceKind {
     Normalised,

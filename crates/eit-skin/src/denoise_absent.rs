@@ -1,0 +1,42 @@
+//! Without feature `denoise` there is no net: a skin that asks for one is refused.
+
+use crate::error::SkinError;
+use crate::linearised::FittedFrames;
+use crate::skin::Skin;
+use eit_mesh::Raster;
+
+/// No weights.
+#[derive(Debug)]
+pub(crate) enum Net {}
+
+impl Skin {
+    pub(crate) fn net(&self) -> Result<Option<Net>, SkinError> {
+        match &self.settings.denoise {
+            None => Ok(None),
+            Some(_) => Err(SkinError::input(
+                "[denoise]: this program was built without nets (feature `denoise` of eit-skin)",
+            )
+            .within(&self.place)),
+        }
+    }
+}
+
+/// No net, frame by frame.
+#[derive(Debug)]
+pub(crate) enum LiveNet {}
+
+impl LiveNet {
+    pub fn new(net: &Net, _: &FittedFrames) -> Result<Self, SkinError> {
+        match *net {}
+    }
+
+    pub fn push(
+        &mut self,
+        _: &Raster,
+        _: &[f64],
+        _: &[f64],
+        _: &mut [f64],
+    ) -> Result<bool, SkinError> {
+        match *self {}
+    }
+}
