@@ -16,9 +16,9 @@
 //! cut at `harmonics`, with the mean of its tail, `1 / (4 n^2 a^2)` for terms of one electrode,
 //! added. Nothing here is shared with the finite element code.
 
-use crate::FemError;
 use crate::element::Elements;
-use crate::forward::check_impedances;
+use crate::error::FemError;
+use crate::model::checks::check_impedances;
 use faer::prelude::*;
 use faer::{Mat, Side};
 use ndarray::{Array2, ArrayView2};

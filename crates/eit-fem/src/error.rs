@@ -1,5 +1,7 @@
 //! The one error type of this crate. One long file: the enum is one list.
 
+use crate::sparse::SparseError;
+
 /// What can be wrong with a protocol or a forward problem.
 ///
 /// Electrodes inside quadruples and patterns are 0-based, as in data files; electrodes named in a
@@ -440,4 +442,19 @@ pub enum FemError {
         /// What it must be.
         must: &'static str,
     },
+    /// What else can be wrong with a factorisation.
+    #[error(transparent)]
+    Sparse(SparseError),
+}
+
+impl From<SparseError> for FemError {
+    fn from(error: SparseError) -> Self {
+        match error {
+            SparseError::OutOfMemory { unknowns } => Self::OutOfMemory { unknowns },
+            SparseError::BadPivot { unknown, unknowns } => {
+                Self::NotPositiveDefinite { unknown, unknowns }
+            }
+            other => Self::Sparse(other),
+        }
+    }
 }

@@ -22,8 +22,11 @@
 //!
 //! Long, because question, answer and search are documented in one place.
 
-use crate::forward::check_accuracy;
-use crate::{Elements, FemError, ForwardModel, ModelCost, Protocol};
+use crate::element::Elements;
+use crate::error::FemError;
+use crate::model::checks::check_accuracy;
+use crate::model::{ForwardModel, ModelCost};
+use crate::protocol::Protocol;
 use eit_mesh::Mesh;
 use ndarray::Array1;
 

@@ -8,8 +8,8 @@
 //! Real and imaginary parts of the gradients lie apart, so that products of fields run over whole
 //! registers; they meet where a row is stored. 16 flops a product (real: 3), 16 bytes a value.
 
-use crate::element::gradient;
-use crate::forward::ForwardModel;
+use crate::element::gradient::gradient;
+use crate::model::ForwardModel;
 use ndarray::ArrayViewMut2;
 use num_complex::Complex64;
 
@@ -108,7 +108,7 @@ fn gradients(
 ) {
     let solves = model.fields.basis.nrows();
     let row = |unknown: u32| &potentials[unknown as usize * solves..][..solves];
-    let (triangles, _) = model.element_nodes.as_chunks::<3>();
+    let (triangles, _) = model.dofs.element_nodes.as_chunks::<3>();
     let (coefficients, _) = model.geometry.elements.as_chunks::<3>();
     let elements = triangles[start..start + count].iter().zip(&coefficients[start..]);
     for (i, (triangle, element)) in elements.enumerate() {

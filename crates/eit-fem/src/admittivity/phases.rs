@@ -1,6 +1,6 @@
 //! Phases of admittances: whether they fit into half a turn, and where its middle is.
 
-use crate::FemError;
+use crate::error::FemError;
 use num_complex::Complex64;
 
 /// Cosine of half the span below which a factorisation without pivoting has no digit left: entries

@@ -5,9 +5,12 @@
 //! allocated by [`AdmittivityModel::solve`], [`AdmittivitySolution::measurements_into`] and
 //! [`AdmittivitySolution::jacobian_into`].
 
+use super::jacobian;
+use super::model::AdmittivityModel;
 use super::phases::Phases;
-use super::{AdmittivityModel, AdmittivityWorkspace, jacobian};
-use crate::FemError;
+use super::workspace::AdmittivityWorkspace;
+use crate::error::FemError;
+use crate::sparse::SparseError;
 use ndarray::{Array1, Array2, ArrayViewMut2};
 use num_complex::Complex64;
 use std::time::{Duration, Instant};
@@ -64,13 +67,17 @@ impl<'a> AdmittivitySolution<'a> {
         let direction = phases.direction()?;
         let real = &model.real;
         workspace.assemble(model, admittivity_s);
-        let AdmittivityWorkspace { factor, transfer, electrode_potentials, .. } = &mut *workspace;
-        real.solver
-            .factorise(factor, direction)
-            .map_err(|unknown| FemError::PivotOutOfPhase { unknown, unknowns: real.unknowns() })?;
+        let AdmittivityWorkspace { matrix, factor, transfer, electrode_potentials, .. } =
+            &mut *workspace;
+        real.cholesky.factorise(matrix, factor, direction).map_err(|error| match error {
+            SparseError::BadPivot { unknown, unknowns } => {
+                FemError::PivotOutOfPhase { unknown, unknowns }
+            }
+            other => other.into(),
+        })?;
         transfer.fill(Complex64::new(0.0, 0.0));
         transfer.diagonal_mut().column_vector_mut().fill(Complex64::new(1.0, 0.0));
-        real.solver.solve_electrodes(factor, transfer.as_mut());
+        real.cholesky.solve_trailing(factor, transfer.as_mut());
         real.patterns.electrode_potentials(transfer.as_ref(), electrode_potentials);
         workspace.check_potentials()?;
         let time = start.elapsed();
@@ -119,14 +126,14 @@ impl<'a> AdmittivitySolution<'a> {
         let real = &self.model.real;
         let solves = real.fields.basis.nrows();
         let electrodes = real.protocol().electrodes();
-        let shape = (real.patterns.stimulations_a.len(), real.unknown_of_node.len());
+        let shape = (real.patterns.stimulations_a.len(), real.dofs.nodes());
         let mut result = Array2::zeros(shape);
         for (s, mut row) in result.rows_mut().into_iter().enumerate() {
             // fields are zero at the ground electrode
             let ground_v = self.workspace.electrode_potentials[(s + 1) * electrodes - 1];
             let (field, factor) = real.fields.stimulations[s];
             let weights = &real.fields.combinations[field as usize];
-            for (value, &unknown) in row.iter_mut().zip(&real.unknown_of_node) {
+            for (value, &unknown) in row.iter_mut().zip(&real.dofs.unknown_of_node) {
                 let u = &self.workspace.potentials[unknown as usize * solves..][..solves];
                 let sum: Complex64 = weights.iter().map(|&(r, c)| u[r as usize] * c).sum();
                 *value = ground_v + sum * factor;
@@ -181,13 +188,13 @@ impl<'a> AdmittivitySolution<'a> {
         let (backward_error, growth) = match self.quality {
             Some(known) => known,
             None => {
-                let growth = real.solver.growth(&self.workspace.factor);
+                let growth = real.cholesky.growth(&self.workspace.matrix, &self.workspace.factor);
                 *self.quality.insert((self.backward_error(), growth))
             }
         };
         AdmittivityReport {
             unknowns: real.unknowns(),
-            factor_entries: real.solver.factor_entries(),
+            factor_entries: real.cholesky.factor_entries(),
             field_solves: real.fields.basis.nrows(),
             phase_span_deg: self.phases.span().to_degrees(),
             growth,
@@ -204,12 +211,12 @@ impl<'a> AdmittivitySolution<'a> {
         let start = Instant::now();
         let real = &self.model.real;
         let basis = &real.fields.basis;
-        let (solves, nodes) = (basis.nrows(), real.unknown_of_node.len());
+        let (solves, nodes) = (basis.nrows(), real.dofs.nodes());
         let AdmittivityWorkspace { potentials, factor, .. } = &mut *self.workspace;
         for (k, row) in potentials[nodes * solves..].chunks_exact_mut(solves).enumerate() {
             row.iter_mut().zip(basis.column(k)).for_each(|(x, i)| *x = Complex64::from(*i));
         }
-        real.solver.solve_fields(factor, potentials, solves);
+        real.cholesky.solve_checked(factor, potentials, solves);
         self.fields_solved = true;
         self.time += start.elapsed();
     }
@@ -217,7 +224,7 @@ impl<'a> AdmittivitySolution<'a> {
     fn backward_error(&self) -> f64 {
         let real = &self.model.real;
         let basis = &real.fields.basis;
-        let (solves, nodes) = (basis.nrows(), real.unknown_of_node.len());
+        let (solves, nodes) = (basis.nrows(), real.dofs.nodes());
         let unknowns = real.unknowns();
         let mut x = vec![Complex64::new(0.0, 0.0); unknowns];
         let (mut product, mut size) = (x.clone(), vec![0.0; unknowns]);
@@ -226,8 +233,8 @@ impl<'a> AdmittivitySolution<'a> {
             for (x, row) in x.iter_mut().zip(self.workspace.potentials.chunks_exact(solves)) {
                 *x = row[r];
             }
-            let values = &self.workspace.factor.values;
-            real.assembly.multiply(values, &x, &mut product, &mut size);
+            let values = &self.workspace.matrix;
+            real.assembly.pattern.multiply(values, &x, &mut product, &mut size);
             for i in 0..unknowns {
                 let b = if i < nodes { 0.0 } else { basis[[r, i - nodes]] };
                 let scale = size[i] + b.abs();
@@ -241,10 +248,8 @@ impl<'a> AdmittivitySolution<'a> {
 
     /// Largest over smallest entry of the assembled diagonal.
     fn spread(&self) -> f64 {
-        let real = &self.model.real;
-        // rows ascend within a column of the lower triangle: its first entry is the diagonal
-        let starts = &real.assembly.column_starts[..real.unknowns()];
-        let diagonal = starts.iter().map(|&k| self.workspace.factor.values[k as usize].norm());
+        let entries = self.model.real.assembly.pattern.diagonal();
+        let diagonal = entries.map(|entry| self.workspace.matrix[entry].norm());
         let (least, most) =
             diagonal.fold((f64::INFINITY, 0.0_f64), |(least, most), d| (least.min(d), most.max(d)));
         most / least

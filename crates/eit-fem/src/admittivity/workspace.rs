@@ -1,15 +1,17 @@
 //! Memory of one solve with complex admittivity.
 
-use super::AdmittivityModel;
 use super::jacobian::Block;
-use crate::FemError;
-use crate::solver::Factor;
+use super::model::AdmittivityModel;
+use crate::error::FemError;
+use crate::sparse::Factor;
 use faer::{Mat, c64};
 use num_complex::Complex64;
 use std::fmt;
 
 /// Memory of one solve with complex admittivity; make one per thread and reuse it.
 pub struct AdmittivityWorkspace {
+    /// Values of the system matrix.
+    pub(super) matrix: Vec<c64>,
     pub(super) factor: Factor<c64>,
     /// Real or imaginary parts of the admittivity.
     part_s: Vec<f64>,
@@ -26,9 +28,9 @@ pub struct AdmittivityWorkspace {
 
 impl fmt::Debug for AdmittivityWorkspace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (matrix_entries, factor_entries, _) = self.factor.sizes();
+        let (factor_entries, _) = self.factor.sizes();
         f.debug_struct("AdmittivityWorkspace")
-            .field("matrix_entries", &matrix_entries)
+            .field("matrix_entries", &self.matrix.len())
             .field("factor_entries", &factor_entries)
             .finish_non_exhaustive()
     }
@@ -38,11 +40,12 @@ impl AdmittivityWorkspace {
     /// For a model.
     pub(super) fn new(model: &AdmittivityModel) -> Result<Self, FemError> {
         let real = &model.real;
-        let (electrodes, entries) = (real.protocol().electrodes(), real.assembly.entry_count());
+        let (electrodes, entries) = (real.protocol().electrodes(), real.assembly.pattern.entries());
         let stimulations = real.patterns.stimulations_a.len();
         let zero = c64::new(0.0, 0.0);
         Ok(Self {
-            factor: real.solver.factor(&real.assembly)?,
+            matrix: vec![zero; entries],
+            factor: real.cholesky.memory()?,
             part_s: vec![0.0; real.elements()],
             assembled: [vec![0.0; entries], vec![0.0; entries]],
             transfer: Mat::zeros(electrodes - 1, electrodes - 1),
@@ -55,14 +58,15 @@ impl AdmittivityWorkspace {
     /// Every size that a solve of `model` relies on.
     pub(super) fn check(&self, model: &AdmittivityModel) -> Result<(), FemError> {
         let real = &model.real;
-        let (values, factor, scratch) = self.factor.sizes();
+        let (factor, scratch) = self.factor.sizes();
+        let (matrix, entries) = (self.matrix.len(), real.assembly.pattern.entries());
         let electrodes = real.protocol().electrodes();
         let potentials = real.patterns.stimulations_a.len() * electrodes;
         let fields = real.unknowns() * real.fields.basis.nrows();
         let checks = [
-            ("workspace of another model: its matrix", values, real.assembly.entry_count()),
-            ("workspace of another model: its factor", factor, real.solver.factor_entries()),
-            ("workspace of another model: its scratch", scratch, real.solver.scratch_entries()),
+            ("workspace of another model: its matrix", matrix, entries),
+            ("workspace of another model: its factor", factor, real.cholesky.factor_entries()),
+            ("workspace of another model: its scratch", scratch, real.cholesky.scratch_entries()),
             ("workspace of another model: its elements", self.part_s.len(), real.elements()),
             ("workspace of another model: its electrodes", self.transfer.nrows() + 1, electrodes),
             (
@@ -81,17 +85,15 @@ impl AdmittivityWorkspace {
 
     /// Assembles the matrix: real and imaginary parts by the real model's code.
     pub(super) fn assemble(&mut self, model: &AdmittivityModel, admittivity_s: &[Complex64]) {
-        let Self { factor, part_s, assembled, .. } = self;
+        let Self { matrix, part_s, assembled, .. } = self;
         let parts: [fn(&Complex64) -> f64; 2] = [|y| y.re, |y| y.im];
         for (part, values) in parts.iter().zip(assembled.iter_mut()) {
             part_s.iter_mut().zip(admittivity_s).for_each(|(s, y)| *s = part(y));
-            model.real.assembly.fill(&model.real.geometry, part_s, values);
+            model.real.geometry.fill_matrix(&model.real.assembly, part_s, values);
         }
         let [conductances, susceptances] = assembled;
         let elements = conductances.iter().zip(susceptances.iter());
-        for ((value, contact), (g, b)) in
-            factor.values.iter_mut().zip(&model.contacts).zip(elements)
-        {
+        for ((value, contact), (g, b)) in matrix.iter_mut().zip(&model.contacts).zip(elements) {
             *value = contact + Complex64::new(*g, *b);
         }
     }

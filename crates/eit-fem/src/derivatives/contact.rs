@@ -10,13 +10,13 @@
 //!
 //! (the mixed terms vanish: deviations have mean zero).
 
-use super::Solved;
-use crate::FemError;
-use crate::electrode_model::measure;
+use super::solved_fields::SolvedFields;
+use crate::error::FemError;
+use crate::model::contact::measure;
 use ndarray::ArrayViewMut2;
 
 /// The fields under one electrode.
-pub(super) struct ContactFields {
+pub(crate) struct ContactFields {
     /// Length, metres, or area, square metres.
     pub measure: f64,
     /// Of each part: edges or triangles.
@@ -29,7 +29,7 @@ pub(super) struct ContactFields {
 
 /// One field under an electrode.
 #[derive(Clone, Copy)]
-pub(super) struct Under<'a> {
+pub(crate) struct Under<'a> {
     /// Current into the skin.
     pub current: f64,
     /// `mu - u` at the corners of each part.
@@ -46,8 +46,8 @@ impl<'a> Under<'a> {
 
 impl ContactFields {
     /// Gathers the fields of electrode `l`.
-    pub fn new(solved: &Solved<'_>, l: usize) -> Self {
-        let (fields, contact) = (&solved.model.fields, &solved.model.contacts[l]);
+    pub fn new(solved: &SolvedFields<'_>, l: usize) -> Self {
+        let (fields, contact) = (&solved.model.fields, &solved.model.dofs.contacts[l]);
         let parts = contact.parts();
         let measures: Vec<f64> =
             parts.iter().map(|nodes| measure(nodes, &solved.geometry.positions)).collect();
@@ -78,7 +78,7 @@ impl ContactFields {
     }
 
     /// A field, by its index.
-    pub fn field(&self, solved: &Solved<'_>, field: u32) -> Under<'_> {
+    pub fn field(&self, solved: &SolvedFields<'_>, field: u32) -> Under<'_> {
         let width = 1 + self.corners * self.measures.len();
         let slot = solved.model.fields.slots[field as usize] as usize;
         let row = &self.rows[slot * width..][..width];
@@ -87,15 +87,15 @@ impl ContactFields {
 }
 
 /// Mean of the product of two linear functions over an edge or triangle, from corner values.
-pub(super) fn mean_product(a: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn mean_product(a: &[f64], b: &[f64]) -> f64 {
     let count = a.len() as f64;
     let products: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
     (a.iter().sum::<f64>() * b.iter().sum::<f64>() + products) / (count * (count + 1.0))
 }
 
 /// Fills [measurement, electrode].
-pub(super) fn fill(
-    solved: &Solved<'_>,
+pub(crate) fn fill(
+    solved: &SolvedFields<'_>,
     mut jacobian: ArrayViewMut2<'_, f64>,
 ) -> Result<(), FemError> {
     let impedance = &solved.geometry.impedance;

@@ -1,6 +1,6 @@
 //! Ways for nodes to move.
 
-use crate::FemError;
+use crate::error::FemError;
 
 /// A way for nodes to move: of each node that does, metres for each unit of one parameter.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -40,7 +40,7 @@ impl Displacement {
     }
 
     /// That it is one of a mesh of so many nodes.
-    pub(super) fn check(&self, nodes: usize) -> Result<(), FemError> {
+    pub(crate) fn check(&self, nodes: usize) -> Result<(), FemError> {
         for &(node, position_m) in &self.nodes {
             let node = node as usize;
             if node >= nodes {

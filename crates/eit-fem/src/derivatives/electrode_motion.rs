@@ -15,9 +15,9 @@
 //!
 //! Long, because the way along the rim, its corners and the reach into the skin are one thing.
 
-use super::Displacement;
-use super::vector::{Vector, along, cross, dot, norm, scaled, sub, unit};
-use crate::FemError;
+use super::displacement::Displacement;
+use crate::error::FemError;
+use crate::vector::{Vector, along, cross, dot, norm, scaled, sub, unit};
 use eit_mesh::{Electrode, Mesh};
 use std::collections::HashMap;
 

@@ -12,9 +12,10 @@
 //! `m/z mean (U - u)(U* - u*)`, with `U - u = z I / measure + (mu - u)` as in [`super::contact`].
 
 use super::contact::{ContactFields, Under, mean_product};
-use super::vector::{Vector, cross, dot, norm, scaled, sub};
-use super::{Displacement, Solved};
-use crate::element::gradient;
+use super::displacement::Displacement;
+use super::solved_fields::SolvedFields;
+use crate::element::gradient::gradient;
+use crate::vector::{Vector, cross, dot, norm, scaled, sub};
 use ndarray::ArrayViewMut2;
 
 /// Elements per block: 16 fields x 2 components x 64 x 8 bytes = 16 KiB of gradients.
@@ -37,8 +38,8 @@ struct Stretch {
 }
 
 /// Fills [measurement, displacement]; displacements have been checked.
-pub(super) fn fill(
-    solved: &Solved<'_>,
+pub(crate) fn fill(
+    solved: &SolvedFields<'_>,
     displacements: &[Displacement],
     mut jacobian: ArrayViewMut2<'_, f64>,
 ) {
@@ -72,22 +73,22 @@ struct Moves {
 }
 
 impl Moves {
-    fn new(solved: &Solved<'_>) -> Self {
+    fn new(solved: &SolvedFields<'_>) -> Self {
         let nodes = solved.geometry.positions.len();
         Self { vectors: vec![[0.0; 3]; nodes], moved: vec![false; nodes] }
     }
 
-    fn set(&mut self, solved: &Solved<'_>, displacement: &Displacement) {
+    fn set(&mut self, solved: &SolvedFields<'_>, displacement: &Displacement) {
         for &(node, vector) in displacement.nodes() {
-            let unknown = solved.model.unknown_of_node[node as usize] as usize;
+            let unknown = solved.model.dofs.unknown_of_node[node as usize] as usize;
             self.vectors[unknown].iter_mut().zip(vector).for_each(|(sum, v)| *sum += v);
             self.moved[unknown] = true;
         }
     }
 
-    fn clear(&mut self, solved: &Solved<'_>, displacement: &Displacement) {
+    fn clear(&mut self, solved: &SolvedFields<'_>, displacement: &Displacement) {
         for &(node, _) in displacement.nodes() {
-            let unknown = solved.model.unknown_of_node[node as usize] as usize;
+            let unknown = solved.model.dofs.unknown_of_node[node as usize] as usize;
             self.vectors[unknown] = [0.0; 3];
             self.moved[unknown] = false;
         }
@@ -97,8 +98,8 @@ impl Moves {
         nodes.iter().any(|&n| self.moved[n as usize])
     }
 
-    fn strains(&self, solved: &Solved<'_>, displacement: u32, strains: &mut Vec<Strain>) {
-        let (triangles, _) = solved.model.element_nodes.as_chunks::<3>();
+    fn strains(&self, solved: &SolvedFields<'_>, displacement: u32, strains: &mut Vec<Strain>) {
+        let (triangles, _) = solved.model.dofs.element_nodes.as_chunks::<3>();
         let triangles = triangles.iter().zip(solved.conductivity_s);
         for (element, (triangle, sigma)) in (0u32..).zip(triangles) {
             if !self.any(triangle) {
@@ -111,8 +112,13 @@ impl Moves {
         }
     }
 
-    fn stretches(&self, solved: &Solved<'_>, displacement: u32, stretches: &mut Vec<Stretch>) {
-        for (electrode, contact) in (0u32..).zip(&solved.model.contacts) {
+    fn stretches(
+        &self,
+        solved: &SolvedFields<'_>,
+        displacement: u32,
+        stretches: &mut Vec<Stretch>,
+    ) {
+        for (electrode, contact) in (0u32..).zip(&solved.model.dofs.contacts) {
             for (part, nodes) in (0u32..).zip(contact.parts()) {
                 if self.any(nodes) {
                     let change = self.stretch(solved, nodes);
@@ -123,7 +129,7 @@ impl Moves {
     }
 
     /// Change of the length of an edge or the area of a triangle.
-    fn stretch(&self, solved: &Solved<'_>, nodes: &[u32]) -> f64 {
+    fn stretch(&self, solved: &SolvedFields<'_>, nodes: &[u32]) -> f64 {
         let place = |n: u32| solved.geometry.positions[n as usize];
         let vector = |n: u32| self.vectors[n as usize];
         let edge = |a: u32, b: u32| (sub(place(b), place(a)), sub(vector(b), vector(a)));
@@ -159,7 +165,7 @@ fn strain(corners: [Vector; 3], vectors: [Vector; 3]) -> [f64; 2] {
 }
 
 /// Adds what triangles contribute, block by block of those that are strained.
-fn add_elements(solved: &Solved<'_>, strains: &mut [Strain], count: usize, sums: &mut [f64]) {
+fn add_elements(solved: &SolvedFields<'_>, strains: &mut [Strain], count: usize, sums: &mut [f64]) {
     strains.sort_by_key(|s| s.element);
     let fields = &solved.model.fields;
     let mut gradients = vec![0.0; fields.slot_count() * 2 * BLOCK];
@@ -201,10 +207,10 @@ fn add_elements(solved: &Solved<'_>, strains: &mut [Strain], count: usize, sums:
 }
 
 /// Scaled gradients [slot, component, element] of some elements.
-fn gather(solved: &Solved<'_>, elements: &[u32], gradients: &mut [f64]) {
+fn gather(solved: &SolvedFields<'_>, elements: &[u32], gradients: &mut [f64]) {
     let fields = &solved.model.fields;
     let solves = fields.basis.nrows();
-    let (triangles, _) = solved.model.element_nodes.as_chunks::<3>();
+    let (triangles, _) = solved.model.dofs.element_nodes.as_chunks::<3>();
     let (coefficients, _) = solved.geometry.elements.as_chunks::<3>();
     for (i, &e) in elements.iter().enumerate() {
         let element = &coefficients[e as usize];
@@ -224,7 +230,12 @@ fn gather(solved: &Solved<'_>, elements: &[u32], gradients: &mut [f64]) {
 }
 
 /// Adds what stretched parts of electrodes contribute.
-fn add_contacts(solved: &Solved<'_>, stretches: &mut [Stretch], count: usize, sums: &mut [f64]) {
+fn add_contacts(
+    solved: &SolvedFields<'_>,
+    stretches: &mut [Stretch],
+    count: usize,
+    sums: &mut [f64],
+) {
     stretches.sort_by_key(|s| s.electrode);
     for stretches in stretches.chunk_by(|a, b| a.electrode == b.electrode) {
         let electrode = stretches[0].electrode as usize;

@@ -6,7 +6,7 @@
 use super::random::{Purpose, Random};
 use super::settings::Instrument;
 use super::truth::TrueQuality;
-use crate::Protocol;
+use crate::protocol::Protocol;
 
 /// The channels of one instrument.
 #[derive(Debug)]
@@ -82,7 +82,8 @@ impl Channels {
 /// Which loose contacts are open in which frame: an alternating process that starts closed.
 pub(super) fn open_contacts(
     settings: &Instrument,
-    (frames, rate_hz): (usize, f64),
+    frames: usize,
+    rate_hz: f64,
     electrodes: usize,
     seed: u64,
 ) -> Vec<Vec<bool>> {

@@ -3,7 +3,7 @@
 use super::contact::Tip;
 use super::random::{Purpose, Random};
 use super::script::{Finger, Interpolation, Key, TouchScript};
-use crate::FemError;
+use crate::error::FemError;
 use eit_mesh::Mesh;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 

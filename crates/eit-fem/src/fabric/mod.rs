@@ -38,6 +38,7 @@
 mod bessel;
 mod conductivity;
 mod contact;
+mod fabric_model;
 mod instrument;
 mod library;
 mod motion;
@@ -49,9 +50,10 @@ mod simulate;
 mod truth;
 
 pub use contact::{Dent, Indentation, Tip};
+pub use fabric_model::Fabric;
 pub use library::PlayCircle;
 pub use piezo::PiezoLaw;
 pub use script::{Finger, Interpolation, Key, Touch, TouchScript};
 pub use settings::{Drift, FabricSettings, Instrument, Membrane, Piezoresistance, Rim, Weave};
-pub use simulate::{Fabric, SimulationSettings};
+pub use simulate::SimulationSettings;
 pub use truth::{Simulation, SimulationReport, TrueQuality, TrueTouch, Truth};

@@ -1,7 +1,7 @@
 //! What touches the skin, where, how hard and when.
 
 use super::contact::Tip;
-use crate::FemError;
+use crate::error::FemError;
 use eit_mesh::{Mesh, Surface};
 
 /// Fingers over time.

@@ -3,94 +3,27 @@
 mod frame;
 mod plan;
 mod results;
+mod settings;
 
-use super::conductivity::Elements;
+pub use settings::SimulationSettings;
+
 use super::contact::Indentation;
+use super::fabric_model::Fabric;
 use super::instrument::Channels;
-use super::motion::{Motion, Placed};
+use super::motion::Placed;
 use super::script::{Touch, TouchScript};
-use super::settings::FabricSettings;
 use super::truth::Simulation;
-use crate::{FemError, ForwardModel, Protocol};
-use eit_mesh::{Mesh, Raster};
-use frame::{Frame, Worker, each};
-use plan::remember;
+use crate::error::FemError;
+use eit_mesh::Raster;
+use frame::{Frame, Worker, each, remember};
 use results::true_touches;
 use std::f64::consts::PI;
 use std::time::Instant;
 
 /// Frames that are worked on together: bounds the memory, long enough to keep threads busy.
 const CHUNK: usize = 64;
-/// Waves of the uneven fabric, and of each drift.
-const WEAVE_WAVES: usize = 512;
-const DRIFT_WAVES: usize = 32;
-
-/// A fabric with electrodes, ready to be touched.
-#[derive(Debug)]
-pub struct Fabric {
-    mesh: Mesh,
-    model: ForwardModel,
-    settings: FabricSettings,
-    conductivity_s: f64,
-    contact_impedance: Vec<f64>,
-    elements: Elements,
-    motion: Motion,
-}
-
-/// How to simulate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SimulationSettings {
-    /// Everything random comes from it.
-    pub seed: u64,
-    /// Threads, at least 1; the result does not depend on them.
-    pub threads: usize,
-    /// Keep the conductivity change of every element, 8 bytes an element and frame.
-    pub keep_elements: bool,
-}
-
-impl Default for SimulationSettings {
-    fn default() -> Self {
-        Self { seed: 1, threads: 1, keep_elements: false }
-    }
-}
 
 impl Fabric {
-    /// Prepares the fabric on a flat mesh; `conductivity_s` is the sheet's, siemens,
-    /// `contact_impedance` one per electrode (ohm metre for rim electrodes, ohm square metre for
-    /// patches).
-    ///
-    /// # Errors
-    /// Those of [`ForwardModel::new`] and [`FabricSettings::validate`], a conductivity that is not
-    /// finite and above zero, and a skin that is not flat.
-    pub fn new(
-        mesh: &Mesh,
-        protocol: &Protocol,
-        conductivity_s: f64,
-        contact_impedance: &[f64],
-        settings: &FabricSettings,
-    ) -> Result<Self, FemError> {
-        settings.validate(mesh.electrodes().len())?;
-        if !(conductivity_s.is_finite() && conductivity_s > 0.0) {
-            let (quantity, must) = ("conductivity_s", "finite and above zero");
-            return Err(FemError::OutOfRange { quantity, value: conductivity_s, must });
-        }
-        if let Some(node) = mesh.surface().nodes().iter().position(|p| p[2] != 0.0) {
-            return Err(FemError::NotFlat { node, height_m: mesh.surface().nodes()[node][2] });
-        }
-        let model = ForwardModel::new(mesh, protocol, contact_impedance)?;
-        let membrane = &settings.membrane;
-        let length_m = (membrane.tension_n_per_m / membrane.foundation_pa_per_m).sqrt();
-        Ok(Self {
-            elements: Elements::new(mesh.surface(), length_m),
-            motion: Motion::new(mesh, settings),
-            mesh: mesh.clone(),
-            model,
-            settings: settings.clone(),
-            conductivity_s,
-            contact_impedance: contact_impedance.to_vec(),
-        })
-    }
-
     /// Simulates a script; truth images are on the raster of the same skin. `progress` hears how
     /// many frames are done.
     ///
@@ -98,7 +31,7 @@ impl Fabric {
     /// Those of [`TouchScript::validate`], [`FemError::ForceTooLarge`] for a finger beyond the
     /// contact model, [`FemError::WrongLength`] for a raster of another mesh or no thread, all
     /// before any work; [`FemError::FoldedMesh`] where touches fold the mesh, and those of
-    /// [`ForwardModel::solve_deformed`].
+    /// [`ForwardModel::solve_deformed`](crate::ForwardModel::solve_deformed).
     pub fn simulate(
         &self,
         script: &TouchScript,
@@ -115,7 +48,7 @@ impl Fabric {
         let protocol = self.model.protocol();
         let instrument = &self.settings.instrument;
         let channels = Channels::new(instrument, protocol, &reference_v.to_vec(), settings.seed);
-        let mut made = self.empty(script, &plan, settings, (reference_v, untouched));
+        let mut made = self.empty(script, &plan, settings, reference_v, untouched);
         made.report.range_v = channels.range_v();
         made.truth.noise_std_v = channels.noise_std_v(protocol.measurements()).into();
         let mut memory = vec![0.0; plan.law.memory() * self.model.elements()];

@@ -1,6 +1,6 @@
 //! What really was, for every frame.
 
-use crate::SolveReport;
+use crate::solve::SolveReport;
 use ndarray::{Array1, Array2, Array3};
 
 /// A touch as it was in one frame.

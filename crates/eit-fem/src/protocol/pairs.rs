@@ -1,7 +1,6 @@
-//! Protocols made of electrode pairs: adjacent, opposite, skip-N, explicit.
+//! Pairs of electrodes: adjacent, opposite, skip-N, explicit.
 
-use super::Protocol;
-use crate::FemError;
+use crate::error::FemError;
 
 /// Which pairs of electrodes are used; pair `d` starts at electrode index `d`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -15,98 +14,6 @@ pub enum PairPattern {
     Skip(usize),
     /// These pairs (0-based), in this order.
     Pairs(Vec<[u32; 2]>),
-}
-
-/// Whether measurements on current-carrying electrodes are part of a frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum DrivenElectrodes {
-    /// Pairs that touch a driven electrode are left out: they hold its contact impedance.
-    #[default]
-    Drop,
-    /// All pairs are kept.
-    Keep,
-}
-
-/// Order of the measured pairs under one drive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Order {
-    /// Starting at the drive's first electrode `a`: pairs that start at `a`, `a + 1`, ... (mod L).
-    /// For adjacent pairs without driven electrodes: `(d + 2 + k, d + 3 + k)`, `k` ascending.
-    #[default]
-    Rotated,
-    /// By first electrode, from index 0.
-    Ascending,
-}
-
-/// Settings of a protocol of electrode pairs. Drives outermost, in the order of the pattern.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PairProtocol {
-    /// Number of electrodes, `L`.
-    pub electrodes: usize,
-    /// Current-carrying pairs.
-    pub drive: PairPattern,
-    /// Measured pairs.
-    pub measure: PairPattern,
-    /// Whether pairs on driven electrodes are measured.
-    pub driven_electrodes: DrivenElectrodes,
-    /// Order of the measured pairs under one drive.
-    pub order: Order,
-    /// Amplitude of the drive current, ampere.
-    pub current_a: f64,
-}
-
-impl Default for PairProtocol {
-    /// 16 electrodes, adjacent, driven electrodes dropped, rotated, 0.1 mA: 208 values a frame.
-    fn default() -> Self {
-        Self {
-            electrodes: 16,
-            drive: PairPattern::Adjacent,
-            measure: PairPattern::Adjacent,
-            driven_electrodes: DrivenElectrodes::Drop,
-            order: Order::Rotated,
-            current_a: 1e-4,
-        }
-    }
-}
-
-impl PairProtocol {
-    /// The quadruples `[a, b, m, n]` in protocol order.
-    ///
-    /// # Errors
-    /// Too few electrodes or more than 4096, an odd number for opposite pairs, unknown electrodes,
-    /// nothing left.
-    pub fn quadruples(&self) -> Result<Vec<[u32; 4]>, FemError> {
-        super::check_electrodes(self.electrodes)?;
-        let drives = self.drive.pairs("drive pair", self.electrodes)?;
-        let senses = self.measure.pairs("measured pair", self.electrodes)?;
-        let electrodes = self.electrodes as u32;
-        let mut quadruples = Vec::with_capacity(drives.len() * senses.len());
-        for [a, b] in drives {
-            let mut row: Vec<[u32; 2]> = senses
-                .iter()
-                .copied()
-                .filter(|p| {
-                    self.driven_electrodes == DrivenElectrodes::Keep
-                        || !(p.contains(&a) || p.contains(&b))
-                })
-                .collect();
-            // stable: explicit pairs that start at one electrode keep their order
-            match self.order {
-                Order::Rotated => row.sort_by_key(|p| (p[0] + electrodes - a) % electrodes),
-                Order::Ascending => row.sort_by_key(|p| p[0]),
-            }
-            quadruples.extend(row.iter().map(|&[m, n]| [a, b, m, n]));
-        }
-        if quadruples.is_empty() { Err(FemError::EmptyProtocol) } else { Ok(quadruples) }
-    }
-
-    /// The protocol.
-    ///
-    /// # Errors
-    /// Those of [`PairProtocol::quadruples`], and a current that is not above zero.
-    pub fn protocol(&self) -> Result<Protocol, FemError> {
-        Protocol::from_quadruples(self.electrodes, &self.quadruples()?, self.current_a)
-    }
 }
 
 impl PairPattern {
@@ -150,4 +57,16 @@ pub(super) fn check_pair(
         return Err(FemError::DegeneratePair { what, index, electrode: pair[0] });
     }
     Ok(())
+}
+
+/// More electrodes than any skin has; adjacent pairs of so many are 17 million measurements.
+const MOST_ELECTRODES: usize = 4096;
+
+/// Refuses numbers of electrodes beyond any skin.
+pub(super) fn check_electrodes(electrodes: usize) -> Result<(), FemError> {
+    if electrodes <= MOST_ELECTRODES {
+        return Ok(());
+    }
+    let (quantity, value) = ("the number of electrodes", electrodes as f64);
+    Err(FemError::OutOfRange { quantity, value, must: "at most 4096" })
 }

@@ -1,7 +1,7 @@
 //! Which parameters of a fabric can be.
 
 use super::FabricSettings;
-use crate::FemError;
+use crate::error::FemError;
 
 impl FabricSettings {
     /// Refuses parameters out of range, for a skin with so many electrodes.

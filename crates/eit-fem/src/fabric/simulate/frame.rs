@@ -1,10 +1,12 @@
 //! One frame: move, solve, and measure without instrument.
 
-use super::Fabric;
 use super::plan::Plan;
+use crate::error::FemError;
 use crate::fabric::conductivity::pressures_into;
+use crate::fabric::fabric_model::Fabric;
 use crate::fabric::motion::Placed;
-use crate::{FemError, Geometry, SolveReport, Workspace};
+use crate::model::Geometry;
+use crate::solve::{SolveReport, Workspace};
 use eit_mesh::Raster;
 use ndarray::{Array1, Array2};
 
@@ -151,4 +153,14 @@ pub(super) fn each(
             scope.spawn(move || frames.iter_mut().for_each(|frame| work(worker, frame)));
         }
     });
+}
+
+/// From drives to conductivities, with the memory of each element.
+pub(super) fn remember(plan: &Plan<'_>, frame: &mut Frame, memory: &mut [f64]) {
+    let size = plan.law.memory();
+    let drift = plan.sheet_drift[frame.index];
+    for (e, (value, untouched)) in frame.elements.iter_mut().zip(&plan.untouched_s).enumerate() {
+        let change = drift + plan.law.step(*value, &mut memory[e * size..(e + 1) * size]);
+        *value = if change == 0.0 { *untouched } else { untouched * change.exp() };
+    }
 }

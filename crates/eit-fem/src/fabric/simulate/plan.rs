@@ -1,13 +1,16 @@
-//! What all frames share: untouched fabric, drift, loose contacts, memory.
+//! What all frames share: untouched fabric, drift, loose contacts.
 
-use super::frame::Frame;
-use super::{DRIFT_WAVES, Fabric, WEAVE_WAVES};
+use crate::fabric::fabric_model::Fabric;
 use crate::fabric::instrument::open_contacts;
 use crate::fabric::piezo::PiezoLaw;
 use crate::fabric::random::{Purpose, Random, Waves};
 use crate::fabric::script::TouchScript;
 use crate::fabric::settings::FabricSettings;
 use eit_mesh::Raster;
+
+/// Waves of the uneven fabric, and of each drift.
+const WEAVE_WAVES: usize = 512;
+const DRIFT_WAVES: usize = 32;
 
 /// What all frames share.
 pub(super) struct Plan<'a> {
@@ -56,17 +59,7 @@ impl Fabric {
                 vec![0.0; frames]
             },
             contact_drift,
-            open: open_contacts(instrument, (frames, rate_hz), electrodes, seed),
+            open: open_contacts(instrument, frames, rate_hz, electrodes, seed),
         }
-    }
-}
-
-/// From drives to conductivities, with the memory of each element.
-pub(super) fn remember(plan: &Plan<'_>, frame: &mut Frame, memory: &mut [f64]) {
-    let size = plan.law.memory();
-    let drift = plan.sheet_drift[frame.index];
-    for (e, (value, untouched)) in frame.elements.iter_mut().zip(&plan.untouched_s).enumerate() {
-        let change = drift + plan.law.step(*value, &mut memory[e * size..(e + 1) * size]);
-        *value = if change == 0.0 { *untouched } else { untouched * change.exp() };
     }
 }

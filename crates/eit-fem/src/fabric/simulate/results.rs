@@ -1,14 +1,15 @@
 //! Results and truth: empty ones, and a frame's numbers into them.
 
-use super::Fabric;
-use super::SimulationSettings;
 use super::frame::Frame;
 use super::plan::Plan;
+use super::settings::SimulationSettings;
+use crate::error::FemError;
+use crate::fabric::fabric_model::Fabric;
 use crate::fabric::instrument::Channels;
 use crate::fabric::motion::Placed;
 use crate::fabric::script::{Touch, TouchScript};
 use crate::fabric::truth::{Simulation, SimulationReport, TrueQuality, TrueTouch, Truth};
-use crate::{FemError, SolveReport};
+use crate::solve::SolveReport;
 use ndarray::{Array1, Array2, Array3, ArrayView1, Axis};
 use std::f64::consts::PI;
 
@@ -18,7 +19,8 @@ impl Fabric {
         script: &TouchScript,
         plan: &Plan<'_>,
         settings: &SimulationSettings,
-        (reference_v, untouched): (Array1<f64>, SolveReport),
+        reference_v: Array1<f64>,
+        untouched: SolveReport,
     ) -> Simulation {
         let (frames, measurements) = (script.frames, reference_v.len());
         let (electrodes, side) = (self.contact_impedance.len(), plan.raster.pixels());

@@ -1,0 +1,130 @@
+//! Nodes of elements beside those of the mesh: the middles of edges, for quadratic elements.
+//!
+//! Middles are numbered after the mesh's nodes, by their edges (smaller node first, ascending). Where
+//! the mesh knows a curve, the middle is off the straight one by a *bend*, kept in the frame of a
+//! triangle at the edge: its two sides and its normal times the square root of twice its area. So a
+//! bend turns, grows and stretches with the skin when nodes move.
+
+use super::order::Elements;
+use crate::vector::{cross, dot, norm, sub};
+use eit_mesh::Mesh;
+
+/// The middles of a mesh's edges; none for linear elements.
+#[derive(Debug)]
+pub(crate) struct Middles {
+    mesh_nodes: usize,
+    /// The edge of each middle.
+    edges: Vec<[u32; 2]>,
+    bends: Vec<Bend>,
+}
+
+/// How a middle is off the straight one.
+#[derive(Debug)]
+struct Bend {
+    middle: u32,
+    /// A triangle at the edge, the edge first.
+    corners: [u32; 3],
+    /// Along its sides 0-1 and 0-2, and its normal.
+    coefficients: [f64; 3],
+}
+
+impl Middles {
+    /// The middles that elements of a kind need.
+    pub fn new(mesh: &Mesh, elements: Elements) -> Self {
+        let surface = mesh.surface();
+        let mut middles =
+            Self { mesh_nodes: surface.nodes().len(), edges: Vec::new(), bends: Vec::new() };
+        if elements == Elements::Linear {
+            return middles;
+        }
+        let side = |t: &[u32; 3], k: usize| [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
+        let mut sides: Vec<([u32; 2], [u32; 3])> = surface
+            .triangles()
+            .iter()
+            .flat_map(|t| [0, 1, 2].map(|k| side(t, k)))
+            .map(|corners| (sorted([corners[0], corners[1]]), corners))
+            .collect();
+        sides.sort_unstable();
+        sides.dedup_by_key(|(edge, _)| *edge);
+        for (index, (edge, corners)) in sides.iter().enumerate() {
+            if let Some(position) = mesh.midpoint_m(*edge) {
+                let places = corners.map(|n| surface.nodes()[n as usize]);
+                let bend = sub(position, mean(places[0], places[1]));
+                let coefficients = in_frame(places, bend);
+                middles.bends.push(Bend { middle: index as u32, corners: *corners, coefficients });
+            }
+        }
+        middles.edges = sides.into_iter().map(|(edge, _)| edge).collect();
+        middles
+    }
+
+    /// Nodes of the mesh.
+    pub fn mesh_nodes(&self) -> usize {
+        self.mesh_nodes
+    }
+
+    /// Nodes of the mesh and middles.
+    pub fn all_nodes(&self) -> usize {
+        self.mesh_nodes + self.edges.len()
+    }
+
+    /// Appends the nodes of an element (three corners) or of an electrode's edge (two ends): these
+    /// and, where there are middles, the middles of the sides in order.
+    pub fn extend(&self, corners: &[u32], nodes: &mut Vec<u32>) {
+        nodes.extend_from_slice(corners);
+        let sides = if corners.len() == 2 { 1 } else { corners.len() };
+        let middle = |k: usize| {
+            let edge = sorted([corners[k], corners[(k + 1) % corners.len()]]);
+            let index = self.edges.binary_search(&edge).ok()?;
+            Some((self.mesh_nodes + index) as u32)
+        };
+        nodes.extend((0..sides).filter_map(middle));
+    }
+
+    /// Hands every middle (counted from 0) and its place to `visit`, for mesh nodes at `nodes_m`.
+    pub fn places(&self, nodes_m: &[[f64; 3]], mut visit: impl FnMut(usize, [f64; 3])) {
+        let mut bends = self.bends.iter().peekable();
+        for (index, edge) in self.edges.iter().enumerate() {
+            let [a, b] = edge.map(|n| nodes_m[n as usize]);
+            let mut place = mean(a, b);
+            if let Some(bend) = bends.next_if(|bend| bend.middle as usize == index) {
+                let frame = frame(bend.corners.map(|n| nodes_m[n as usize]));
+                for (axis, coefficient) in frame.iter().zip(bend.coefficients) {
+                    place.iter_mut().zip(axis).for_each(|(p, x)| *p += coefficient * x);
+                }
+            }
+            visit(index, place);
+        }
+    }
+}
+
+fn sorted(edge: [u32; 2]) -> [u32; 2] {
+    [edge[0].min(edge[1]), edge[0].max(edge[1])]
+}
+
+fn mean(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|k| 0.5 * (a[k] + b[k]))
+}
+
+/// Two sides of a triangle, and its normal as long as the square root of twice its area.
+fn frame(corners: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
+    let (e1, e2) = (sub(corners[1], corners[0]), sub(corners[2], corners[0]));
+    let normal = cross(e1, e2);
+    let root = norm(normal).sqrt();
+    [e1, e2, normal.map(|x| x / root)]
+}
+
+/// Coefficients of a vector in the frame of a triangle.
+fn in_frame(corners: [[f64; 3]; 3], vector: [f64; 3]) -> [f64; 3] {
+    let [e1, e2, normal] = frame(corners);
+    let (v1, v2) = (dot(vector, e1), dot(vector, e2));
+    let [g11, g12, g22] = [dot(e1, e1), dot(e1, e2), dot(e2, e2)];
+    let size = dot(normal, normal);
+    // the determinant of the sides' products is the normal's fourth power
+    let determinant = size * size;
+    [
+        (v1 * g22 - v2 * g12) / determinant,
+        (v2 * g11 - v1 * g12) / determinant,
+        dot(vector, normal) / size,
+    ]
+}

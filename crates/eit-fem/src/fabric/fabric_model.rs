@@ -1,0 +1,59 @@
+//! A fabric with electrodes.
+
+use super::conductivity::Elements;
+use super::motion::Motion;
+use super::settings::FabricSettings;
+use crate::error::FemError;
+use crate::model::ForwardModel;
+use crate::protocol::Protocol;
+use eit_mesh::Mesh;
+
+/// A fabric with electrodes, ready to be touched.
+#[derive(Debug)]
+pub struct Fabric {
+    pub(super) mesh: Mesh,
+    pub(super) model: ForwardModel,
+    pub(super) settings: FabricSettings,
+    pub(super) conductivity_s: f64,
+    pub(super) contact_impedance: Vec<f64>,
+    pub(super) elements: Elements,
+    pub(super) motion: Motion,
+}
+
+impl Fabric {
+    /// Prepares the fabric on a flat mesh; `conductivity_s` is the sheet's, siemens,
+    /// `contact_impedance` one per electrode (ohm metre for rim electrodes, ohm square metre for
+    /// patches).
+    ///
+    /// # Errors
+    /// Those of [`ForwardModel::new`] and [`FabricSettings::validate`], a conductivity that is not
+    /// finite and above zero, and a skin that is not flat.
+    pub fn new(
+        mesh: &Mesh,
+        protocol: &Protocol,
+        conductivity_s: f64,
+        contact_impedance: &[f64],
+        settings: &FabricSettings,
+    ) -> Result<Self, FemError> {
+        settings.validate(mesh.electrodes().len())?;
+        if !(conductivity_s.is_finite() && conductivity_s > 0.0) {
+            let (quantity, must) = ("conductivity_s", "finite and above zero");
+            return Err(FemError::OutOfRange { quantity, value: conductivity_s, must });
+        }
+        if let Some(node) = mesh.surface().nodes().iter().position(|p| p[2] != 0.0) {
+            return Err(FemError::NotFlat { node, height_m: mesh.surface().nodes()[node][2] });
+        }
+        let model = ForwardModel::new(mesh, protocol, contact_impedance)?;
+        let membrane = &settings.membrane;
+        let length_m = (membrane.tension_n_per_m / membrane.foundation_pa_per_m).sqrt();
+        Ok(Self {
+            elements: Elements::new(mesh.surface(), length_m),
+            motion: Motion::new(mesh, settings),
+            mesh: mesh.clone(),
+            model,
+            settings: settings.clone(),
+            conductivity_s,
+            contact_impedance: contact_impedance.to_vec(),
+        })
+    }
+}

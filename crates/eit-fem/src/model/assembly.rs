@@ -1,0 +1,98 @@
+//! The system matrix: pattern once, values per conductivity.
+//!
+//! Cost of new values: 9 multiply-adds and 6 scattered additions a linear triangle (45 and 21 a
+//! quadratic one), after copying the constant electrode part; 20 000 nodes, linear: 0.3 MFLOP,
+//! 1.5 MB read, 1 MB scattered.
+
+use super::contact::Contact;
+use super::dof_map::DofMap;
+use crate::element::Elements;
+use crate::element::gradient::pair;
+use crate::sparse::Pattern;
+
+/// The pattern of the matrix, and where each element's entries go.
+#[derive(Debug)]
+pub(crate) struct Assembly {
+    /// Where the matrix has entries.
+    pub pattern: Pattern,
+    elements: Elements,
+    /// For each element: entries of its pairs of nodes in the order of [`pair`], then diagonals.
+    entries: Vec<u32>,
+    /// Entry of each electrode term, in the order of `Contact::values`.
+    contact_entries: Vec<u32>,
+}
+
+impl Assembly {
+    /// Builds the pattern.
+    pub fn new(dofs: &DofMap) -> Self {
+        let contact_pairs = || dofs.contacts.iter().flat_map(|c| c.pairs());
+        let pattern = Pattern::new(dofs.unknowns(), dofs.element_pairs().chain(contact_pairs()));
+        let count = dofs.elements() * (dofs.kind.pairs() + dofs.kind.nodes());
+        let mut entries = Vec::with_capacity(count);
+        dofs.element_pairs().for_each(|pair| entries.push(pattern.entry(pair)));
+        let contact_entries = contact_pairs().map(|pair| pattern.entry(pair)).collect();
+        Self { pattern, elements: dofs.kind, entries, contact_entries }
+    }
+
+    /// Adds up the electrode part of the values: it does not change with the conductivity.
+    ///
+    /// `positions` holds the place of each unknown that is a node.
+    pub fn fill_contacts(
+        &self,
+        contacts: &[Contact],
+        positions: &[[f64; 3]],
+        contact_impedance: &[f64],
+        values: &mut [f64],
+    ) {
+        values.fill(0.0);
+        let mut entries = self.contact_entries.iter();
+        for (contact, &impedance) in contacts.iter().zip(contact_impedance) {
+            contact.values(positions, impedance, |value| {
+                if let Some(&entry) = entries.next() {
+                    values[entry as usize] += value;
+                }
+            });
+        }
+    }
+
+    /// Writes the values for one conductivity per triangle, siemens, from the unit stiffness of
+    /// element after element and the electrode part.
+    pub fn fill(
+        &self,
+        stiffness: &[f64],
+        contact_values: &[f64],
+        conductivity_s: &[f64],
+        values: &mut [f64],
+    ) {
+        values.copy_from_slice(contact_values);
+        match self.elements {
+            Elements::Linear => self.add::<3, 3, 6>(stiffness, conductivity_s, values),
+            Elements::Quadratic => self.add::<6, 15, 21>(stiffness, conductivity_s, values),
+        }
+    }
+
+    /// Adds elements of `NODES` nodes, `PAIRS` pairs of them and `ENTRIES` matrix entries.
+    fn add<const NODES: usize, const PAIRS: usize, const ENTRIES: usize>(
+        &self,
+        stiffness: &[f64],
+        conductivity_s: &[f64],
+        values: &mut [f64],
+    ) {
+        let (entries, _) = self.entries.as_chunks::<ENTRIES>();
+        let (stiffness, _) = stiffness.as_chunks::<PAIRS>();
+        for ((entry, stiffness), sigma) in entries.iter().zip(stiffness).zip(conductivity_s) {
+            let mut sums = [0.0; NODES];
+            for j in 1..NODES {
+                for i in 0..j {
+                    let k = sigma * stiffness[pair(i, j)];
+                    values[entry[pair(i, j)] as usize] += k;
+                    sums[i] += k;
+                    sums[j] += k;
+                }
+            }
+            for (diagonal, sum) in entry[PAIRS..].iter().zip(sums) {
+                values[*diagonal as usize] -= sum;
+            }
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! Impedances, conductivities and accuracies that make sense.
+
+use crate::element::Elements;
+use crate::error::FemError;
+use std::cmp::Ordering::{Equal, Greater};
+
+/// A wish that `f64` results can meet.
+pub(crate) fn check_accuracy(required_accuracy: f64) -> Result<(), FemError> {
+    if (4.0 * f64::EPSILON..1.0).contains(&required_accuracy) {
+        return Ok(());
+    }
+    Err(FemError::OutOfRange {
+        quantity: "required_accuracy",
+        value: required_accuracy,
+        must: "at least 9e-16 and below 1",
+    })
+}
+
+/// One impedance per electrode, not negative; quadratic elements: above zero and finite.
+pub(crate) fn check_impedances(
+    elements: Elements,
+    count: usize,
+    contact_impedance: &[f64],
+) -> Result<(), FemError> {
+    if contact_impedance.len() != count {
+        return Err(FemError::WrongLength {
+            what: "contact impedance (one per electrode)",
+            found: contact_impedance.len(),
+            wanted: count,
+        });
+    }
+    // not a number is not at least zero
+    let bad = |z: &f64| !matches!(z.partial_cmp(&0.0), Some(Equal | Greater));
+    if let Some(l) = contact_impedance.iter().position(bad) {
+        let (electrode, value) = (l + 1, contact_impedance[l]);
+        return Err(FemError::BadContactImpedance { electrode, value });
+    }
+    let limit = |z: &f64| elements == Elements::Quadratic && (*z == 0.0 || z.is_infinite());
+    match contact_impedance.iter().position(limit) {
+        None => Ok(()),
+        Some(l) => {
+            Err(FemError::LimitOfImpedance { electrode: l + 1, value: contact_impedance[l] })
+        }
+    }
+}
+
+/// One conductivity per element, finite and above zero.
+pub(crate) fn check_conductivity(elements: usize, conductivity_s: &[f64]) -> Result<(), FemError> {
+    if conductivity_s.len() != elements {
+        return Err(FemError::WrongLength {
+            what: "conductivity (one per element)",
+            found: conductivity_s.len(),
+            wanted: elements,
+        });
+    }
+    let bad = |s: &f64| !(s.is_finite() && *s > 0.0);
+    match conductivity_s.iter().position(bad) {
+        None => Ok(()),
+        Some(element) => {
+            let count = conductivity_s.iter().filter(|s| bad(s)).count();
+            Err(FemError::BadConductivity { element, value_s: conductivity_s[element], count })
+        }
+    }
+}

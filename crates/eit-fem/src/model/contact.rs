@@ -1,0 +1,173 @@
+//! Complete electrode model: what an electrode adds to the system matrix.
+//!
+//! On an electrode of contact impedance `z` the current density into the skin is `(U - u) / z`,
+//! with the electrode's potential `U`. Its energy, integrated over the electrode, is
+//!
+//! ```text
+//! 1/z ( integral of u^2  -  2 U integral of u  +  U^2 measure )
+//! ```
+//!
+//! and the total current `integral of (U - u) / z` is the prescribed one. (Cheng, Isaacson,
+//! Newell, Gisser 1989; Somersalo, Cheney, Isaacson 1992.) For P1 elements the integrals over an
+//! edge of length `h` are `h/3` (diagonal), `h/6`, `h/2`; over a triangle of area `A` they are
+//! `A/6`, `A/12`, `A/3`; for quadratic elements, straight or curved, they are taken by quadrature.
+
+use crate::element::linear::area_m2;
+use crate::element::middles::Middles;
+use crate::element::quadratic::{edge_points, triangle_points};
+use eit_mesh::{Electrode, Surface};
+
+/// Nodes of a quadratic triangle.
+const MOST_NODES: usize = 6;
+
+/// One electrode: its parts as lists of unknowns, and its potential's unknown.
+#[derive(Debug, Clone)]
+pub(crate) struct Contact {
+    /// Whether parts are triangles, else edges.
+    patch: bool,
+    /// Nodes of rim edges, or of triangles.
+    parts: Vec<Vec<u32>>,
+    /// Unknown of the electrode potential; `None` for the grounded electrode.
+    potential: Option<u32>,
+}
+
+impl Contact {
+    /// An electrode of a surface; `potential` is its unknown.
+    pub fn new(
+        surface: &Surface,
+        electrode: &Electrode,
+        middles: &Middles,
+        potential: Option<u32>,
+    ) -> Self {
+        let nodes = |corners: &[u32]| {
+            let mut nodes = Vec::with_capacity(2 * corners.len());
+            middles.extend(corners, &mut nodes);
+            nodes
+        };
+        let (patch, parts) = match electrode {
+            Electrode::Rim(edges) => (false, edges.iter().map(|e| nodes(e)).collect()),
+            Electrode::Patch(triangles) => {
+                let corners = triangles.iter().map(|&t| &surface.triangles()[t as usize]);
+                (true, corners.map(|t| nodes(t)).collect())
+            }
+        };
+        Self { patch, parts, potential }
+    }
+
+    /// The same electrode with renumbered nodes.
+    pub fn renumbered(&self, new_from_old: &[u32]) -> Self {
+        let mut contact = self.clone();
+        for node in contact.parts.iter_mut().flatten() {
+            *node = new_from_old[*node as usize];
+        }
+        contact
+    }
+
+    /// Nodes of rim edges, or of triangles.
+    pub fn parts(&self) -> &[Vec<u32>] {
+        &self.parts
+    }
+
+    /// Pairs of unknowns that the electrode joins, in the order of [`Contact::values`].
+    pub fn pairs(&self) -> Vec<[u32; 2]> {
+        let mut pairs = Vec::new();
+        for nodes in &self.parts {
+            for (k, &i) in nodes.iter().enumerate() {
+                pairs.push([i, i]);
+                pairs.extend(nodes[..k].iter().map(|&j| [i, j]));
+                pairs.extend(self.potential.map(|u| [u, i]));
+            }
+            pairs.extend(self.potential.map(|u| [u, u]));
+        }
+        pairs
+    }
+
+    /// Hands the matrix values of all pairs to `visit`, each unordered pair once per part.
+    ///
+    /// `positions` holds the place of each unknown that is a node, metres; `impedance` is in ohm
+    /// metre (rim) or ohm square metre (patch).
+    pub fn values(&self, positions: &[[f64; 3]], impedance: f64, mut visit: impl FnMut(f64)) {
+        for nodes in &self.parts {
+            let part = self.integrals(nodes, positions, impedance);
+            for k in 0..nodes.len() {
+                visit(part.products[k][k]);
+                part.products[k][..k].iter().for_each(|&mass| visit(mass));
+                if self.potential.is_some() {
+                    visit(-part.means[k]);
+                }
+            }
+            if self.potential.is_some() {
+                visit(part.measure);
+            }
+        }
+    }
+
+    fn integrals(&self, nodes: &[u32], positions: &[[f64; 3]], impedance: f64) -> Integrals {
+        let place = |n: u32| positions[n as usize];
+        match (self.patch, nodes) {
+            (false, &[a, b, middle]) => {
+                Integrals::of_points(edge_points([a, b, middle].map(place)), impedance)
+            }
+            (true, &[a, b, c, d, e, f]) => {
+                Integrals::of_points(triangle_points([a, b, c, d, e, f].map(place)), impedance)
+            }
+            _ => Integrals::linear(nodes.len(), measure(nodes, positions) / impedance),
+        }
+    }
+}
+
+/// Integrals over a part of shape functions, over the impedance.
+struct Integrals {
+    products: [[f64; MOST_NODES]; MOST_NODES],
+    means: [f64; MOST_NODES],
+    measure: f64,
+}
+
+impl Integrals {
+    /// Of hat functions on an edge or triangle of `count` nodes; `scale` is its measure over the
+    /// impedance.
+    fn linear(count: usize, scale: f64) -> Self {
+        let count = count as f64;
+        // mean of a product of hat functions: 2 / (d (d+1)) on, 1 / (d (d+1)) off the diagonal
+        let mass = scale / (count * (count + 1.0));
+        let mut products = [[mass; MOST_NODES]; MOST_NODES];
+        (0..MOST_NODES).for_each(|k| products[k][k] = 2.0 * mass);
+        Self { products, means: [scale / count; MOST_NODES], measure: scale }
+    }
+
+    /// Of shape functions by quadrature: their values at points, and the measure of each.
+    fn of_points<const NODES: usize>(
+        points: impl Iterator<Item = ([f64; NODES], f64)>,
+        impedance: f64,
+    ) -> Self {
+        let mut part = Self {
+            products: [[0.0; MOST_NODES]; MOST_NODES],
+            means: [0.0; MOST_NODES],
+            measure: 0.0,
+        };
+        for (values, measure) in points {
+            let scale = measure / impedance;
+            for (k, value) in values.iter().enumerate() {
+                let products = part.products[k].iter_mut().zip(&values);
+                products.for_each(|(product, other)| *product += scale * value * other);
+                part.means[k] += scale * value;
+            }
+            part.measure += scale;
+        }
+        part
+    }
+}
+
+/// Length of a straight edge, metres, or area of a triangle, square metres.
+pub(crate) fn measure(nodes: &[u32], positions: &[[f64; 3]]) -> f64 {
+    let place = |n: &u32| positions[*n as usize];
+    match nodes {
+        [a, b] => {
+            let (a, b) = (place(a), place(b));
+            (0..3).map(|k| (b[k] - a[k]).powi(2)).sum::<f64>().sqrt()
+        }
+        [a, b, c] => area_m2([place(a), place(b), place(c)]),
+        // linear parts are edges or triangles
+        _ => 0.0,
+    }
+}

@@ -1,0 +1,162 @@
+//! What a solve takes from node positions and contact impedances.
+//!
+//! A model has the geometry of its mesh. A skin that is touched deforms: its nodes move, its
+//! electrodes with them, and their contacts change, while triangles, electrodes and patterns stay.
+//! A [`Geometry`] holds the numbers that follow, so that such a solve reuses ordering and symbolic
+//! factor: per frame 60 flops a triangle on top of a solve.
+//!
+//! Results are those of a model built on the moved mesh (`tests/geometry.rs`: the same bits).
+
+use super::assembly::Assembly;
+use super::dof_map::DofMap;
+use crate::element::gradient::stiffness;
+use crate::element::linear::{area_m2, linear};
+use crate::element::{Elements, quadratic};
+use crate::error::FemError;
+
+/// Triangles whose area is below this fraction of their longest edge squared are empty, as for
+/// [`eit_mesh::Surface`]: no digit of a smaller area is right.
+const ZERO_AREA: f64 = 4.0 * f64::EPSILON;
+
+/// Node positions and contact impedances of one solve, as the numbers that assembly reads.
+///
+/// Make one per thread with [`ForwardModel::geometry`](crate::ForwardModel::geometry) and reuse it:
+/// [`ForwardModel::deform`](crate::ForwardModel::deform) allocates nothing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Geometry {
+    /// Coefficients of the scaled gradients, element after element.
+    pub(crate) elements: Vec<f64>,
+    /// Off-diagonal unit stiffness, element after element.
+    stiffness: Vec<f64>,
+    /// Electrode part of the matrix values.
+    contact_values: Vec<f64>,
+    /// Place of each unknown that is a node, metres.
+    pub(crate) positions: Vec<[f64; 3]>,
+    /// Contact impedance of each electrode.
+    pub(crate) impedance: Vec<f64>,
+}
+
+impl Geometry {
+    /// Of nodes at `nodes_m` (mesh order) and checked contact impedances.
+    pub(crate) fn new(
+        dofs: &DofMap,
+        assembly: &Assembly,
+        nodes_m: &[[f64; 3]],
+        contact_impedance: &[f64],
+    ) -> Result<Self, FemError> {
+        let pairs = dofs.elements() * dofs.kind.pairs();
+        let mut geometry = Self {
+            elements: vec![0.0; pairs],
+            stiffness: vec![0.0; pairs],
+            contact_values: vec![0.0; assembly.pattern.entries()],
+            positions: vec![[0.0; 3]; dofs.nodes()],
+            impedance: Vec::with_capacity(contact_impedance.len()),
+        };
+        geometry.fill(dofs, assembly, nodes_m, contact_impedance)?;
+        Ok(geometry)
+    }
+
+    /// Becomes that of nodes at `nodes_m` (mesh order) and checked contact impedances.
+    pub(crate) fn fill(
+        &mut self,
+        dofs: &DofMap,
+        assembly: &Assembly,
+        nodes_m: &[[f64; 3]],
+        contact_impedance: &[f64],
+    ) -> Result<(), FemError> {
+        let (of_nodes, of_middles) = dofs.unknown_of_node.split_at(nodes_m.len());
+        for (position, &unknown) in nodes_m.iter().zip(of_nodes) {
+            self.positions[unknown as usize] = *position;
+        }
+        dofs.middles.places(nodes_m, |middle, position| {
+            self.positions[of_middles[middle] as usize] = position;
+        });
+        match dofs.kind {
+            Elements::Linear => self.fill_elements(dofs, linear, |_| 1.0)?,
+            Elements::Quadratic => {
+                self.fill_elements(dofs, quadratic::coefficients, quadratic::least_stretch)?;
+            }
+        }
+        self.fill_contacts(dofs, assembly, contact_impedance);
+        Ok(())
+    }
+
+    /// Changes contacts alone, from its own positions.
+    pub(crate) fn fill_contacts(
+        &mut self,
+        dofs: &DofMap,
+        assembly: &Assembly,
+        contact_impedance: &[f64],
+    ) {
+        self.impedance.clear();
+        self.impedance.extend_from_slice(contact_impedance);
+        let Self { positions, contact_values, .. } = self;
+        assembly.fill_contacts(&dofs.contacts, positions, contact_impedance, contact_values);
+    }
+
+    /// Coefficients and stiffness of elements of `NODES` nodes, after checks of area and stretch.
+    fn fill_elements<const NODES: usize, const PAIRS: usize>(
+        &mut self,
+        dofs: &DofMap,
+        coefficients: impl Fn([[f64; 3]; NODES]) -> [f64; PAIRS],
+        least_stretch: impl Fn([[f64; 3]; NODES]) -> f64,
+    ) -> Result<(), FemError> {
+        let (elements, _) = self.elements.as_chunks_mut::<PAIRS>();
+        let (stiffnesses, _) = self.stiffness.as_chunks_mut::<PAIRS>();
+        let (nodes, _) = dofs.element_nodes.as_chunks::<NODES>();
+        let numbers = elements.iter_mut().zip(stiffnesses).zip(nodes);
+        for (triangle, ((element, entries), nodes)) in numbers.enumerate() {
+            let places = nodes.map(|u| self.positions[u as usize]);
+            check_area(triangle, [places[0], places[1], places[2]])?;
+            let stretch = least_stretch(places);
+            if stretch <= 0.0 || stretch.is_nan() {
+                return Err(FemError::FoldedElement { triangle, stretch });
+            }
+            *element = coefficients(places);
+            *entries = stiffness::<NODES, PAIRS>(element);
+        }
+        Ok(())
+    }
+
+    /// Writes the values of the system matrix for one conductivity per element, siemens.
+    pub(crate) fn fill_matrix(
+        &self,
+        assembly: &Assembly,
+        conductivity_s: &[f64],
+        values: &mut [f64],
+    ) {
+        assembly.fill(&self.stiffness, &self.contact_values, conductivity_s, values);
+    }
+
+    /// Whether a contact is a shunt or an ideal current source: not for the textbook assembly.
+    pub(crate) fn has_limits(&self) -> bool {
+        self.impedance.iter().any(|z| *z == 0.0 || z.is_infinite())
+    }
+
+    /// That it belongs to a model of these sizes.
+    pub(crate) fn check(&self, dofs: &DofMap, assembly: &Assembly) -> Result<(), FemError> {
+        let elements = self.elements.len() / dofs.kind.pairs();
+        let (values, entries) = (self.contact_values.len(), assembly.pattern.entries());
+        let checks = [
+            ("elements of the geometry", elements, dofs.elements()),
+            ("entries of the geometry", values, entries),
+            ("nodes of the geometry", self.positions.len(), dofs.nodes()),
+        ];
+        match checks.into_iter().find(|(_, found, wanted)| found != wanted) {
+            None => Ok(()),
+            Some((what, found, wanted)) => Err(FemError::WrongLength { what, found, wanted }),
+        }
+    }
+}
+
+fn check_area(triangle: usize, corners: [[f64; 3]; 3]) -> Result<(), FemError> {
+    let area_m2 = area_m2(corners);
+    let square = |k: usize| -> f64 {
+        (0..3).map(|i| (corners[(k + 1) % 3][i] - corners[k][i]).powi(2)).sum()
+    };
+    let longest = square(0).max(square(1)).max(square(2));
+    if !area_m2.is_finite() || area_m2 <= ZERO_AREA * longest {
+        return Err(FemError::ZeroArea { triangle, area_m2 });
+    }
+    Ok(())
+}

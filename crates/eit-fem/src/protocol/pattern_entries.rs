@@ -1,0 +1,48 @@
+//! The few entries of each pattern that are not zero, and the sums over them.
+
+use super::patterns::Protocol;
+use crate::sparse::Scalar;
+use faer::MatRef;
+use ndarray::ArrayView2;
+
+/// Non-zero entries (electrode, value) of a protocol's patterns, row by row.
+#[derive(Debug)]
+pub(crate) struct PatternEntries {
+    pub stimulations_a: Vec<Vec<(u32, f64)>>,
+    pub measurements: Vec<Vec<(u32, f64)>>,
+}
+
+impl PatternEntries {
+    /// Of a protocol.
+    pub fn new(protocol: &Protocol) -> Self {
+        let sparse = |rows: ArrayView2<f64>| {
+            rows.rows()
+                .into_iter()
+                .map(|row| (0u32..).zip(row.iter().copied()).filter(|e| e.1 != 0.0).collect())
+                .collect()
+        };
+        Self {
+            stimulations_a: sparse(protocol.stimulations_a()),
+            measurements: sparse(protocol.measurement_patterns()),
+        }
+    }
+
+    /// Electrode potentials [stimulation, electrode] from the potentials for unit currents
+    /// [electrode but ground, electrode but ground]; rows sum to zero.
+    pub fn electrode_potentials<T: Scalar>(&self, transfer: MatRef<'_, T>, potentials: &mut [T]) {
+        let ground = transfer.nrows();
+        let rows = potentials.chunks_exact_mut(ground + 1);
+        for (row, currents) in rows.zip(&self.stimulations_a) {
+            row.fill(T::from(0.0));
+            for &(k, current_a) in currents.iter().filter(|c| (c.0 as usize) < ground) {
+                for (l, potential) in row[..ground].iter_mut().enumerate() {
+                    *potential += transfer[(l, k as usize)] * current_a;
+                }
+            }
+            let mut sum = T::from(0.0);
+            row.iter().for_each(|potential| sum += *potential);
+            let mean = sum / row.len() as f64;
+            row.iter_mut().for_each(|potential| *potential -= mean);
+        }
+    }
+}

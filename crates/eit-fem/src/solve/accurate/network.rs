@@ -1,0 +1,233 @@
+//! The skin with its electrodes as a network of weighted differences, and its variables.
+//!
+//! The energy is `sum_b w_b (e_b . y)^2` over branches `b`: three per triangle, whose weights are
+//! half the cotangents of the opposite angles times the conductivity, and for each part of an
+//! electrode the quadratic form of the deviations from the electrode's mean, over `z`. No branch
+//! sees a constant, so that no conductance is lost in a sum with a larger one before the
+//! factorisation.
+//!
+//! Variables `y`: the potential of a node that is on no electrode; for each electrode the mean
+//! `mu` of the skin's potential over it (in the place of one of its nodes, the pivot) and the
+//! deviations `d` of its other nodes. A small `z` then stands in the deviations only.
+
+use crate::error::FemError;
+use crate::model::contact::Contact;
+use crate::model::{ForwardModel, Geometry};
+use crate::sparse::real::Real;
+use std::cmp::Ordering::Equal;
+
+/// A sparse combination of variables, ascending.
+pub(super) type Combination<T> = Vec<(u32, T)>;
+
+/// One square of the energy.
+pub(super) struct Branch<T> {
+    /// What the weight multiplies the square of.
+    pub difference: Combination<T>,
+    /// Conductance, siemens.
+    pub weight: T,
+    /// What the weight's rounding is relative to, at least `|weight|`.
+    pub size: f64,
+}
+
+/// Branches, and what the variables mean.
+pub(super) struct Network<T> {
+    pub branches: Vec<Branch<T>>,
+    /// Potential of each node unknown in variables.
+    pub nodes: Vec<Combination<T>>,
+    /// Variable of each electrode's mean.
+    pub means: Vec<u32>,
+    /// Length (rim) or area (patch) of each electrode.
+    pub measures: Vec<T>,
+    /// Variables that a contact without impedance holds at zero.
+    pub held: Vec<bool>,
+    /// What conductances have been divided by.
+    scale: f64,
+}
+
+impl<T: Real> Network<T> {
+    /// Of a geometry and checked conductivities that have been divided by `scale`.
+    pub fn new(
+        model: &ForwardModel,
+        geometry: &Geometry,
+        conductivity_s: &[f64],
+        scale: f64,
+    ) -> Result<Self, FemError> {
+        let count = geometry.positions.len();
+        let variable = |i: usize| vec![(i as u32, T::of(1.0))];
+        let mut network = Self {
+            branches: Vec::with_capacity(3 * conductivity_s.len()),
+            nodes: (0..count).map(variable).collect(),
+            means: Vec::new(),
+            measures: Vec::new(),
+            held: vec![false; count],
+            scale,
+        };
+        let mut owners: Vec<Option<usize>> = vec![None; count];
+        let memberships = memberships(&model.dofs.contacts, count);
+        for (l, contact) in model.dofs.contacts.iter().enumerate() {
+            network.add_electrode(l, contact, geometry, &memberships, &mut owners)?;
+        }
+        // quadratic elements do not come here
+        let (triangles, _) = model.dofs.element_nodes.as_chunks::<3>();
+        for (triangle, &sigma) in triangles.iter().zip(conductivity_s) {
+            network.add_triangle(*triangle, geometry, sigma);
+        }
+        Ok(network)
+    }
+
+    /// Introduces the variables of electrode `l` and adds the branches of its contact.
+    fn add_electrode(
+        &mut self,
+        l: usize,
+        contact: &Contact,
+        geometry: &Geometry,
+        memberships: &[u32],
+        owners: &mut [Option<usize>],
+    ) -> Result<(), FemError> {
+        let impedance = geometry.impedance[l];
+        let parts: Vec<(&[u32], T)> = contact
+            .parts()
+            .iter()
+            .map(|nodes| (nodes.as_slice(), measure(nodes, &geometry.positions)))
+            .collect();
+        let weights = mean_weights(&parts);
+        let shared = |i: u32| memberships[i as usize] > 1;
+        let taken = |i: u32, owners: &[Option<usize>]| owners[i as usize].is_some();
+        // the node that gives its place to the mean: one of this electrode only, of large weight
+        let pivot = weights
+            .iter()
+            .filter(|(i, _)| !taken(*i, owners))
+            .max_by(|a, b| {
+                (!shared(a.0), a.1.high()).partial_cmp(&(!shared(b.0), b.1.high())).unwrap_or(Equal)
+            })
+            .map(|(i, _)| *i)
+            .ok_or(FemError::NoNodeOfItsOwn { electrode: l + 1 })?;
+        if impedance == 0.0 && weights.iter().any(|(i, _)| shared(*i)) {
+            return Err(FemError::TouchingShunt { electrode: l + 1 });
+        }
+        let heaviest = weights.iter().find(|w| w.0 == pivot).map_or(T::of(1.0), |w| w.1);
+        let mean = vec![(pivot, T::of(1.0))];
+        let mut of_pivot = Vec::new();
+        for &(i, weight) in weights.iter().filter(|w| w.0 != pivot) {
+            let factor = -(weight / heaviest);
+            if taken(i, owners) {
+                let deviation = difference(&self.nodes[i as usize], &mean);
+                of_pivot.extend(deviation.iter().map(|&(j, c)| (j, factor * c)));
+            } else {
+                owners[i as usize] = Some(l);
+                self.held[i as usize] = impedance == 0.0;
+                self.nodes[i as usize] = merge(vec![(pivot, T::of(1.0)), (i, T::of(1.0))]);
+                of_pivot.push((i, factor));
+            }
+        }
+        owners[pivot as usize] = Some(l);
+        of_pivot.extend(&mean);
+        self.nodes[pivot as usize] = merge(of_pivot);
+        self.means.push(pivot);
+        self.measures.push(parts.iter().fold(T::of(0.0), |sum, part| sum + part.1));
+        if impedance > 0.0 && impedance.is_finite() {
+            self.add_contact(&parts, &mean, impedance);
+        }
+        Ok(())
+    }
+
+    /// The form `1/z integral of (u - mu)^2`: for hat functions on a part of measure `h` with `d`
+    /// nodes `h / (d (d+1)) (sum of squares + square of the sum)`.
+    fn add_contact(&mut self, parts: &[(&[u32], T)], mean: &Combination<T>, impedance: f64) {
+        for (nodes, measure) in parts {
+            let count = nodes.len() as f64;
+            let admittance = *measure / (T::of(impedance) * T::of(self.scale));
+            let weight = admittance / T::of(count * (count + 1.0));
+            let deviations: Vec<Combination<T>> =
+                nodes.iter().map(|&i| difference(&self.nodes[i as usize], mean)).collect();
+            let sum = merge(deviations.iter().flatten().copied().collect());
+            for difference in deviations.into_iter().chain([sum]) {
+                self.branches.push(Branch { difference, weight, size: weight.high() });
+            }
+        }
+    }
+
+    /// The three branches of a triangle: half the cotangent of the angle opposite to each edge.
+    fn add_triangle(&mut self, triangle: [u32; 3], geometry: &Geometry, sigma: f64) {
+        let corner = |k: usize| geometry.positions[triangle[k % 3] as usize];
+        for k in 0..3 {
+            let (a, b) = (edge(corner(k), corner(k + 1)), edge(corner(k), corner(k + 2)));
+            let double_area = length(cross(a, b));
+            let scale = T::of(sigma) / (T::of(2.0) * double_area);
+            let terms: [T; 3] = std::array::from_fn(|c| a[c] * b[c]);
+            let dot = terms[0] + terms[1] + terms[2];
+            // rounding of the product of the edges, and of the area of a flat triangle
+            let product: f64 = terms.iter().map(|t| t.high().abs()).sum();
+            let flat = (length(a) * length(b) / double_area).high();
+            let size = scale.high() * (product + dot.high().abs() * flat);
+            let [i, j] = [triangle[(k + 1) % 3], triangle[(k + 2) % 3]];
+            let difference = difference(&self.nodes[i as usize], &self.nodes[j as usize]);
+            self.branches.push(Branch { difference, weight: scale * dot, size });
+        }
+    }
+}
+
+/// On how many electrodes each node is.
+fn memberships(contacts: &[Contact], count: usize) -> Vec<u32> {
+    let mut found = vec![0; count];
+    for contact in contacts {
+        let mut nodes: Vec<u32> = contact.parts().iter().flatten().copied().collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes.iter().for_each(|&i| found[i as usize] += 1);
+    }
+    found
+}
+
+/// Integral of each node's hat function over the electrode, ascending.
+fn mean_weights<T: Real>(parts: &[(&[u32], T)]) -> Combination<T> {
+    let share = |(nodes, measure): &(&[u32], T)| -> Combination<T> {
+        let each = *measure / T::of(nodes.len() as f64);
+        nodes.iter().map(|&i| (i, each)).collect()
+    };
+    merge(parts.iter().flat_map(share).collect())
+}
+
+/// Adds terms of one variable; exact zeros go.
+fn merge<T: Real>(mut terms: Combination<T>) -> Combination<T> {
+    terms.sort_by_key(|t| t.0);
+    let mut merged: Combination<T> = Vec::with_capacity(terms.len());
+    for (i, c) in terms {
+        match merged.last_mut() {
+            Some(last) if last.0 == i => last.1 += c,
+            _ => merged.push((i, c)),
+        }
+    }
+    merged.retain(|t| t.1.high() != 0.0);
+    merged
+}
+
+fn difference<T: Real>(a: &Combination<T>, b: &Combination<T>) -> Combination<T> {
+    merge(a.iter().copied().chain(b.iter().map(|&(i, c)| (i, -c))).collect())
+}
+
+type Vector<T> = [T; 3];
+
+fn edge<T: Real>(from: [f64; 3], to: [f64; 3]) -> Vector<T> {
+    std::array::from_fn(|k| T::of(to[k]) - T::of(from[k]))
+}
+
+fn cross<T: Real>(a: Vector<T>, b: Vector<T>) -> Vector<T> {
+    let minor = |i: usize, j: usize| a[i] * b[j] - a[j] * b[i];
+    [minor(1, 2), minor(2, 0), minor(0, 1)]
+}
+
+fn length<T: Real>(a: Vector<T>) -> T {
+    (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
+}
+
+/// Length of an edge or area of a triangle.
+fn measure<T: Real>(nodes: &[u32], positions: &[[f64; 3]]) -> T {
+    let place = |k: usize| positions[nodes[k] as usize];
+    match nodes.len() {
+        2 => length(edge(place(0), place(1))),
+        3 => T::of(0.5) * length(cross(edge(place(0), place(1)), edge(place(0), place(2)))),
+        // parts are edges or triangles
+        _ => T::of(0.0),
+    }
+}

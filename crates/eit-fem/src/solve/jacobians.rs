@@ -1,0 +1,164 @@
+//! Derivatives of the voltages of a [`Solution`].
+
+use super::solution::Solution;
+use crate::derivatives::conductivity::{self, JacobianValue};
+use crate::derivatives::displacement::Displacement;
+use crate::derivatives::{contact, movement};
+use crate::element::Elements;
+use crate::error::FemError;
+use crate::model::ForwardModel;
+use ndarray::{Array2, ArrayViewMut2};
+
+impl Solution<'_> {
+    /// Jacobian [measurement, element] in volt per siemens: the derivative of each voltage with
+    /// respect to the conductivity of each element,
+    /// `-area grad u_stimulation . grad u_measurement` with the adjoint field of the measurement
+    /// pattern driven by one ampere (Geselowitz 1971; Polydorides and Lionheart 2002).
+    pub fn jacobian(&mut self) -> Array2<f64> {
+        let shape = (self.model.protocol().measurements(), self.model.elements());
+        let mut jacobian = Array2::zeros(shape);
+        let (solved, block) = self.solved_fields();
+        conductivity::fill(&solved, block, jacobian.view_mut());
+        jacobian
+    }
+
+    /// [`Solution::jacobian`] into memory of the caller.
+    ///
+    /// # Errors
+    /// [`FemError::WrongLength`] if the shape is not [measurement, element].
+    pub fn jacobian_into(&mut self, jacobian: ArrayViewMut2<'_, f64>) -> Result<(), FemError> {
+        let measurements = self.model.protocol().measurements();
+        check_count("rows of the Jacobian", jacobian.nrows(), measurements)?;
+        check_count("columns of the Jacobian", jacobian.ncols(), self.model.elements())?;
+        let (solved, block) = self.solved_fields();
+        conductivity::fill(&solved, block, jacobian);
+        Ok(())
+    }
+
+    /// One row of the Jacobian for each set of measurements that are multiples of each other, those
+    /// of [`ForwardModel::unique_measurements`]: [set, element], volt per siemens of the first
+    /// measurement of the set. Of 208 reciprocal measurements 104 rows; in `f32` a quarter of the
+    /// memory, with the rounding of `f32` on each value.
+    pub fn unique_jacobian<T: JacobianValue>(&mut self) -> Array2<T> {
+        let shape = (self.model.fields.products.len(), self.model.elements());
+        let mut jacobian = Array2::default(shape);
+        let (solved, block) = self.solved_fields();
+        conductivity::fill_unique(&solved, block, jacobian.view_mut());
+        jacobian
+    }
+
+    /// [`Solution::unique_jacobian`] into memory of the caller.
+    ///
+    /// # Errors
+    /// [`FemError::WrongLength`] if the shape is not [set, element].
+    pub fn unique_jacobian_into<T: JacobianValue>(
+        &mut self,
+        jacobian: ArrayViewMut2<'_, T>,
+    ) -> Result<(), FemError> {
+        let products = self.model.fields.products.len();
+        check_count("rows of the unique Jacobian", jacobian.nrows(), products)?;
+        check_count("columns of the Jacobian", jacobian.ncols(), self.model.elements())?;
+        let (solved, block) = self.solved_fields();
+        conductivity::fill_unique(&solved, block, jacobian);
+        Ok(())
+    }
+
+    /// Derivative of each voltage with respect to the contact impedance of each electrode,
+    /// [measurement, electrode]: volt per ohm metre (rim) or per ohm square metre (patch).
+    ///
+    /// `dV/dz = (1/z^2) integral of (U - u)(U* - u*)` over the electrode, the product of the current
+    /// densities under it. No further solve; `4 m` flops for each part of each electrode and product
+    /// of fields, `m` corners a part.
+    ///
+    /// # Errors
+    /// [`FemError::ContactLimit`] for a shunt or an ideal current source;
+    /// [`FemError::LinearElementsOnly`].
+    pub fn contact_jacobian(&mut self) -> Result<Array2<f64>, FemError> {
+        let protocol = self.model.protocol();
+        let mut jacobian = Array2::zeros((protocol.measurements(), protocol.electrodes()));
+        self.contact_jacobian_into(jacobian.view_mut())?;
+        Ok(jacobian)
+    }
+
+    /// [`Solution::contact_jacobian`] into memory of the caller.
+    ///
+    /// # Errors
+    /// Those of [`Solution::contact_jacobian`]; [`FemError::WrongLength`] if the shape is not
+    /// [measurement, electrode].
+    pub fn contact_jacobian_into(
+        &mut self,
+        jacobian: ArrayViewMut2<'_, f64>,
+    ) -> Result<(), FemError> {
+        let (solved, _) = self.solved_fields();
+        let model = solved.model;
+        check_linear(model, "derivatives with respect to contact impedances")?;
+        let (measurements, electrodes) =
+            (model.protocol().measurements(), model.dofs.contacts.len());
+        let columns = "columns of the Jacobian (one per electrode)";
+        check_count("rows of the Jacobian", jacobian.nrows(), measurements)?;
+        check_count(columns, jacobian.ncols(), electrodes)?;
+        contact::fill(&solved, jacobian)
+    }
+
+    /// Derivative of each voltage along each displacement of the nodes, [measurement,
+    /// displacement]: volt per unit of the displacement's parameter (volt per metre, for those of
+    /// [`ElectrodeMotion`](crate::ElectrodeMotion)).
+    ///
+    /// Conductivities stay with their triangles, contact impedances (per metre of rim, per square
+    /// metre of patch) with their electrodes. Exact for the discrete model: it is the derivative of
+    /// [`ForwardModel::deform`] followed by a solve. In two dimensions only the part of the strain
+    /// counts that is no dilation, two numbers a triangle (conformal maps keep sheet resistances):
+    ///
+    /// ```text
+    /// dV = -sigma area ( (S22 - S11)(fx gx - fy gy) - 2 S12 (fx gy + fy gx) )    strain S
+    ///      - (1/z) d(measure) mean of (U - u)(U* - u*)                           electrode parts
+    /// ```
+    ///
+    /// No further solve; 4 flops for each triangle that a displacement strains, displacement, and
+    /// product of fields. Allocates lists of the triangles that are strained.
+    ///
+    /// # Errors
+    /// A displacement of a node that does not exist, or that is not finite;
+    /// [`FemError::LinearElementsOnly`].
+    pub fn movement_jacobian(
+        &mut self,
+        displacements: &[Displacement],
+    ) -> Result<Array2<f64>, FemError> {
+        let rows = self.model.protocol().measurements();
+        let mut jacobian = Array2::zeros((rows, displacements.len()));
+        self.movement_jacobian_into(displacements, jacobian.view_mut())?;
+        Ok(jacobian)
+    }
+
+    /// [`Solution::movement_jacobian`] into memory of the caller.
+    ///
+    /// # Errors
+    /// Those of [`Solution::movement_jacobian`]; [`FemError::WrongLength`] if the shape is not
+    /// [measurement, displacement].
+    pub fn movement_jacobian_into(
+        &mut self,
+        displacements: &[Displacement],
+        jacobian: ArrayViewMut2<'_, f64>,
+    ) -> Result<(), FemError> {
+        let (solved, _) = self.solved_fields();
+        let model = solved.model;
+        check_linear(model, "derivatives along displacements")?;
+        let columns = "columns of the Jacobian (one per displacement)";
+        check_count("rows of the Jacobian", jacobian.nrows(), model.protocol().measurements())?;
+        check_count(columns, jacobian.ncols(), displacements.len())?;
+        displacements.iter().try_for_each(|d| d.check(model.dofs.nodes()))?;
+        movement::fill(&solved, displacements, jacobian);
+        Ok(())
+    }
+}
+
+fn check_linear(model: &ForwardModel, what: &'static str) -> Result<(), FemError> {
+    match model.dofs.kind {
+        Elements::Linear => Ok(()),
+        Elements::Quadratic => Err(FemError::LinearElementsOnly { what }),
+    }
+}
+
+fn check_count(what: &'static str, found: usize, wanted: usize) -> Result<(), FemError> {
+    if found == wanted { Ok(()) } else { Err(FemError::WrongLength { what, found, wanted }) }
+}

@@ -1,0 +1,264 @@
+//! Numbers of one forward solve: electrode potentials, voltages, fields, certificate.
+//!
+//! With the electrodes eliminated last, the trailing block of the factor gives the transfer
+//! matrix from electrode currents to electrode potentials, and all voltages are sums over it.
+//! Fields inside the skin are solved for when something first asks for them.
+//!
+//! After the first solve with a workspace, [`ForwardModel::solve`],
+//! [`Solution::measurements_into`] and [`Solution::jacobian_into`] allocate nothing of their own.
+//!
+//! Derivatives: [`super::jacobians`].
+
+use super::accurate::{self, Accurate};
+use super::report::{SolvePath, SolveReport};
+use super::textbook::{loss, plain_suffices, spread};
+use super::workspace::Workspace;
+use crate::derivatives::conductivity::Block;
+use crate::derivatives::solved_fields::{Potentials, SolvedFields};
+use crate::error::FemError;
+use crate::model::{ForwardModel, Geometry};
+use ndarray::{Array1, Array2};
+use std::time::{Duration, Instant};
+
+/// Accuracy of models with shunts and ideal current sources where none is asked for.
+const LIMIT_ACCURACY: f64 = 1e-9;
+
+/// The solved forward problem of one conductivity.
+#[derive(Debug)]
+pub struct Solution<'a> {
+    pub(super) model: &'a ForwardModel,
+    geometry: &'a Geometry,
+    workspace: &'a mut Workspace,
+    fields_solved: bool,
+    backward_error: Option<f64>,
+    /// Numbers of the accurate path, if it was taken.
+    accurate: Option<Accurate>,
+    time: Duration,
+}
+
+impl<'a> Solution<'a> {
+    /// Assembles and factorises for a conductivity that has been checked.
+    pub(crate) fn new(
+        model: &'a ForwardModel,
+        geometry: &'a Geometry,
+        conductivity_s: &[f64],
+        workspace: &'a mut Workspace,
+        required_accuracy: Option<f64>,
+    ) -> Result<Self, FemError> {
+        let start = Instant::now();
+        workspace.check(model)?;
+        workspace.conductivity_s.copy_from_slice(conductivity_s);
+        let plain = plain_suffices(model, geometry, conductivity_s, workspace, required_accuracy)?;
+        let accurate = if plain {
+            None
+        } else {
+            let required = required_accuracy.unwrap_or(LIMIT_ACCURACY);
+            Some(accurate::solve(model, geometry, conductivity_s, workspace, required)?)
+        };
+        let (fields_solved, backward_error) =
+            (accurate.is_some(), accurate.as_ref().map(|a| a.backward_error));
+        let time = start.elapsed();
+        let solution =
+            Self { model, geometry, workspace, fields_solved, backward_error, accurate, time };
+        if let (Some(required), Some(_)) = (required_accuracy, &solution.accurate) {
+            let reached = solution.error_bounds().0;
+            if reached > required || reached.is_nan() {
+                return Err(FemError::AccuracyNotReached { reached, required });
+            }
+        }
+        Ok(solution)
+    }
+
+    /// Bounds of the largest error over the largest voltage, and of the largest relative error.
+    fn error_bounds(&self) -> (f64, f64) {
+        let count = self.model.protocol().measurements();
+        let sizes = (0..count).map(|datum| self.voltage(datum).abs());
+        let (least, most) = sizes.fold((f64::INFINITY, 0.0_f64), |(l, m), v| (l.min(v), m.max(v)));
+        match &self.accurate {
+            None => {
+                let loss = self.expected_loss();
+                (loss, loss * most / least)
+            }
+            Some(a) => {
+                let largest = a.bounds_v.iter().fold(0.0_f64, |m, b| m.max(*b));
+                let ratios = a.bounds_v.iter().zip(&a.voltages_v).map(|(b, v)| b / v.abs());
+                (largest / most, ratios.fold(0.0, f64::max))
+            }
+        }
+    }
+
+    /// Bound of the error of each voltage, volt, in protocol order: from residuals and rounding on
+    /// the accurate path, [`SolveReport::expected_loss`] of the largest voltage on the plain one.
+    pub fn measurement_bounds(&self) -> Array1<f64> {
+        let voltages = self.measurements();
+        match &self.accurate {
+            Some(a) => Array1::from(a.bounds_v.clone()),
+            None => {
+                let largest = voltages.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+                Array1::from_elem(voltages.len(), self.expected_loss() * largest)
+            }
+        }
+    }
+
+    /// Voltages in protocol order, volt.
+    pub fn measurements(&self) -> Array1<f64> {
+        (0..self.model.protocol().measurements()).map(|datum| self.voltage(datum)).collect()
+    }
+
+    /// [`Solution::measurements`] into memory of the caller; allocates nothing.
+    ///
+    /// # Errors
+    /// [`FemError::WrongLength`] if there is not one value per measurement.
+    pub fn measurements_into(&self, voltages_v: &mut [f64]) -> Result<(), FemError> {
+        let (found, wanted) = (voltages_v.len(), self.model.protocol().measurements());
+        if found != wanted {
+            let what = "voltages (one per measurement)";
+            return Err(FemError::WrongLength { what, found, wanted });
+        }
+        voltages_v.iter_mut().enumerate().for_each(|(datum, v)| *v = self.voltage(datum));
+        Ok(())
+    }
+
+    fn voltage(&self, datum: usize) -> f64 {
+        if let Some(accurate) = &self.accurate {
+            return accurate.voltages_v[datum];
+        }
+        let [stimulation, pattern] = self.model.protocol().data()[datum].map(|i| i as usize);
+        let electrodes = self.model.protocol().electrodes();
+        let potentials = &self.workspace.electrode_potentials[stimulation * electrodes..];
+        let weights = &self.model.patterns.measurements[pattern];
+        weights.iter().map(|&(l, weight)| weight * potentials[l as usize]).sum()
+    }
+
+    /// Electrode potentials [stimulation, electrode], volt; each row sums to zero.
+    pub fn electrode_potentials(&self) -> Array2<f64> {
+        let electrodes = self.model.protocol().electrodes();
+        let stimulations = self.model.patterns.stimulations_a.len();
+        let values = &self.workspace.electrode_potentials;
+        Array2::from_shape_fn((stimulations, electrodes), |(s, l)| values[s * electrodes + l])
+    }
+
+    /// Potentials inside the skin [stimulation, node], volt, on the scale of
+    /// [`Solution::electrode_potentials`], at the nodes of the mesh (not the middles of quadratic
+    /// elements).
+    pub fn node_potentials(&mut self) -> Array2<f64> {
+        self.solve_fields();
+        let model = self.model;
+        let solves = model.fields.basis.nrows();
+        let electrodes = model.protocol().electrodes();
+        let stimulations = model.patterns.stimulations_a.len();
+        let mut result = Array2::zeros((stimulations, model.dofs.middles.mesh_nodes()));
+        for (s, mut row) in result.rows_mut().into_iter().enumerate() {
+            // the constant between the two scales: the potential of the ground electrode, on the
+            // accurate path of the skin under it
+            let ground_v = match &self.accurate {
+                None => self.workspace.electrode_potentials[(s + 1) * electrodes - 1],
+                Some(accurate) => accurate.levels_v[s],
+            };
+            let (field, factor) = model.fields.stimulations[s];
+            let weights = &model.fields.combinations[field as usize];
+            for (value, &unknown) in row.iter_mut().zip(&model.dofs.unknown_of_node) {
+                let at = unknown as usize * solves;
+                let u = &self.workspace.potentials[at..at + solves];
+                *value = ground_v
+                    + factor * weights.iter().map(|&(r, c)| c * u[r as usize]).sum::<f64>();
+            }
+        }
+        result
+    }
+
+    /// Fields and state that derivatives are summed from, and memory for sums over blocks of
+    /// elements; solves the fields if nothing has.
+    pub(super) fn solved_fields(&mut self) -> (SolvedFields<'_>, &mut Block) {
+        self.solve_fields();
+        let low = self.accurate.as_ref().and_then(Accurate::low);
+        let Workspace { potentials, conductivity_s, block, .. } = &mut *self.workspace;
+        let solved = SolvedFields {
+            model: self.model,
+            geometry: self.geometry,
+            potentials: Potentials { values: potentials, low },
+            conductivity_s,
+        };
+        (solved, block)
+    }
+
+    /// How the solve went. The first call solves the fields, if nothing has needed them yet, and
+    /// multiplies each by the matrix (2 flops and 12 bytes an entry); later calls copy the result.
+    pub fn report(&mut self) -> SolveReport {
+        self.solve_fields();
+        let backward_error = match self.backward_error {
+            Some(known) => known,
+            None => *self.backward_error.insert(self.backward_error()),
+        };
+        let (error_bound, value_error_bound) = self.error_bounds();
+        let (path, factor_entries, condition) = match &self.accurate {
+            None => {
+                let entries = self.model.cholesky.factor_entries();
+                (SolvePath::Plain, entries, spread(self.model, self.workspace))
+            }
+            Some(a) => {
+                let path = if a.twice { SolvePath::Accurate } else { SolvePath::Stable };
+                (path, a.factor_entries, a.condition)
+            }
+        };
+        SolveReport {
+            path,
+            unknowns: self.model.unknowns(),
+            factor_entries,
+            field_solves: self.model.fields.basis.nrows(),
+            backward_error,
+            expected_loss: self.expected_loss(),
+            error_bound,
+            value_error_bound,
+            condition,
+            time_s: self.time.as_secs_f64(),
+        }
+    }
+
+    fn solve_fields(&mut self) {
+        if self.fields_solved {
+            return;
+        }
+        let start = Instant::now();
+        let basis = &self.model.fields.basis;
+        let (solves, nodes) = (basis.nrows(), self.model.dofs.nodes());
+        let Workspace { potentials, factor, .. } = &mut *self.workspace;
+        for (k, row) in potentials[nodes * solves..].chunks_exact_mut(solves).enumerate() {
+            row.iter_mut().zip(basis.column(k)).for_each(|(x, i)| *x = *i);
+        }
+        self.model.cholesky.solve_checked(factor, potentials, solves);
+        self.fields_solved = true;
+        self.time += start.elapsed();
+    }
+
+    fn expected_loss(&self) -> f64 {
+        match &self.accurate {
+            None => loss(self.model, self.workspace),
+            Some(_) => self.error_bounds().0,
+        }
+    }
+
+    fn backward_error(&self) -> f64 {
+        let basis = &self.model.fields.basis;
+        let (solves, nodes) = (basis.nrows(), self.model.dofs.nodes());
+        let unknowns = self.model.unknowns();
+        let mut x = vec![0.0; unknowns];
+        let (mut product, mut size) = (x.clone(), x.clone());
+        let mut worst = 0.0_f64;
+        for r in 0..solves {
+            for (x, row) in x.iter_mut().zip(self.workspace.potentials.chunks_exact(solves)) {
+                *x = row[r];
+            }
+            let values = &self.workspace.matrix;
+            self.model.assembly.pattern.multiply(values, &x, &mut product, &mut size);
+            for i in 0..unknowns {
+                let b = if i < nodes { 0.0 } else { basis[[r, i - nodes]] };
+                let scale = size[i] + b.abs();
+                if scale > 0.0 {
+                    worst = worst.max((product[i] - b).abs() / scale);
+                }
+            }
+        }
+        worst
+    }
+}

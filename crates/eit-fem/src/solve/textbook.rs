@@ -1,0 +1,61 @@
+//! The textbook path: the matrix assembled in `f64`, and what that may have cost.
+
+use super::workspace::Workspace;
+use crate::element::Elements;
+use crate::error::FemError;
+use crate::model::{ForwardModel, Geometry};
+
+/// Takes the textbook path, if the contacts allow it, and says whether that meets the accuracy.
+pub(super) fn plain_suffices(
+    model: &ForwardModel,
+    geometry: &Geometry,
+    conductivity_s: &[f64],
+    workspace: &mut Workspace,
+    required_accuracy: Option<f64>,
+) -> Result<bool, FemError> {
+    if geometry.has_limits() {
+        return Ok(false);
+    }
+    let solved = plain(model, geometry, conductivity_s, workspace);
+    let Some(required) = required_accuracy else { return solved.map(|()| true) };
+    if model.dofs.kind == Elements::Linear {
+        // whatever stops the plain path, the other one may not know
+        return Ok(solved.is_ok_and(|()| loss(model, workspace) <= required));
+    }
+    solved?;
+    let expected = loss(model, workspace);
+    if expected <= required {
+        Ok(true)
+    } else {
+        Err(FemError::PlainPathOnly { expected, required })
+    }
+}
+
+/// The textbook path: assembly, factorisation and electrode potentials in the workspace.
+fn plain(
+    model: &ForwardModel,
+    geometry: &Geometry,
+    conductivity_s: &[f64],
+    workspace: &mut Workspace,
+) -> Result<(), FemError> {
+    geometry.fill_matrix(&model.assembly, conductivity_s, &mut workspace.matrix);
+    model.cholesky.factorise(&workspace.matrix, &mut workspace.factor, 1.0)?;
+    workspace.transfer.fill(0.0);
+    workspace.transfer.diagonal_mut().column_vector_mut().fill(1.0);
+    model.cholesky.solve_trailing(&workspace.factor, workspace.transfer.as_mut());
+    workspace.fill_electrode_potentials(&model.patterns);
+    workspace.check_potentials()
+}
+
+/// What rounding in the assembled matrix may have cost the voltages.
+pub(super) fn loss(model: &ForwardModel, workspace: &Workspace) -> f64 {
+    1000.0 * f64::EPSILON * spread(model, workspace)
+}
+
+/// Largest over smallest entry of the assembled diagonal.
+pub(super) fn spread(model: &ForwardModel, workspace: &Workspace) -> f64 {
+    let diagonal = model.assembly.pattern.diagonal().map(|entry| workspace.matrix[entry]);
+    let (least, most) =
+        diagonal.fold((f64::INFINITY, 0.0_f64), |(least, most), d| (least.min(d), most.max(d)));
+    most / least
+}

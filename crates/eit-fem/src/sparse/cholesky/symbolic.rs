@@ -1,0 +1,237 @@
+//! What a pattern alone decides: elimination tree, supernodes, places of all numbers.
+
+use super::tile::LANES;
+use crate::sparse::elimination_tree::{NONE, counts, parents, postorder};
+use crate::sparse::graph::Adjacency;
+use crate::sparse::pattern::Pattern;
+
+/// Columns of the factor with one pattern, and the front they are eliminated in.
+///
+/// Rows of a front are numbered locally: its own columns, padding to `padded`, the rows below,
+/// padding to `stride`. Padding is zero.
+#[derive(Debug, Clone)]
+pub(super) struct Front {
+    /// First column.
+    pub first: usize,
+    /// Columns.
+    pub columns: usize,
+    /// Local number of the first row below.
+    pub padded: usize,
+    /// Rows below the columns.
+    pub below: usize,
+    /// Rows of the panel with padding.
+    pub stride: usize,
+    /// Where its panel `[column, row]` starts in the factor.
+    pub panel: usize,
+    /// Where its rows below start in [`Symbolic::below`] and [`Symbolic::relative`].
+    pub below_at: usize,
+    /// Children that are waiting on the stack when its turn comes: their place in
+    /// [`Symbolic::children`].
+    pub children: (usize, usize),
+}
+
+impl Front {
+    /// Side of what is left of the front when its columns are gone, with padding.
+    pub fn rest(&self) -> usize {
+        self.stride - self.padded
+    }
+}
+
+/// The symbolic factorisation.
+#[derive(Debug)]
+pub(super) struct Symbolic {
+    pub fronts: Vec<Front>,
+    /// Fronts in the order of the work: children before parents, the last child on top.
+    pub sequence: Vec<u32>,
+    /// Children of all fronts, in the order of the work.
+    pub children: Vec<u32>,
+    /// Unknowns below the columns of each front, ascending.
+    pub below: Vec<u32>,
+    /// The same as local rows of the parent.
+    pub relative: Vec<u32>,
+    /// For each matrix entry its place in the panel of its front.
+    pub places: Vec<u32>,
+    /// Values of the factor, padding included.
+    pub factor_length: usize,
+    /// Values on the stack at most.
+    pub stack_length: usize,
+    /// Rows of the longest panel.
+    pub longest: usize,
+}
+
+impl Symbolic {
+    /// Of a pattern. The unknowns from `leading` on are one front, the last.
+    pub fn new(pattern: &Pattern, leading: usize) -> Self {
+        let (starts, rows, count) = (pattern.column_starts(), pattern.rows(), pattern.unknowns());
+        let mut links = Vec::with_capacity(rows.len());
+        for column in 0..count {
+            let own = &rows[starts[column] as usize..starts[column + 1] as usize];
+            let below = own.iter().filter(|row| **row as usize != column);
+            links.extend(below.map(|&row| (row, column as u32)));
+        }
+        let earlier = Adjacency::from_links(count, links);
+        let parents = parents(&earlier);
+        let counts = counts(&earlier, &parents);
+        let firsts = relaxed(&fundamental(&parents, &counts, leading), &parents, &counts, leading);
+        let mut symbolic = Self {
+            fronts: Vec::with_capacity(firsts.len()),
+            sequence: Vec::new(),
+            children: Vec::new(),
+            below: Vec::new(),
+            relative: Vec::new(),
+            places: Vec::with_capacity(rows.len()),
+            factor_length: 0,
+            stack_length: 0,
+            longest: 0,
+        };
+        let parents = symbolic.fronts(&firsts, pattern);
+        symbolic.order_work(&parents);
+        symbolic
+    }
+
+    /// Rows and sizes of every front, places of the matrix entries; returns each front's parent.
+    fn fronts(&mut self, firsts: &[usize], pattern: &Pattern) -> Vec<u32> {
+        let (starts, rows, count) = (pattern.column_starts(), pattern.rows(), pattern.unknowns());
+        let mut front_of = vec![0u32; count];
+        let mut parents = vec![NONE; firsts.len()];
+        let mut children: Vec<Vec<u32>> = vec![Vec::new(); firsts.len()];
+        let mut seen = vec![NONE; count];
+        let mut local = vec![0u32; count];
+        for (f, &first) in firsts.iter().enumerate() {
+            let end = firsts.get(f + 1).copied().unwrap_or(count);
+            front_of[first..end].fill(f as u32);
+            let below_at = self.below.len();
+            let mut add = |row: u32, below: &mut Vec<u32>| {
+                if row as usize >= end && seen[row as usize] != f as u32 {
+                    seen[row as usize] = f as u32;
+                    below.push(row);
+                }
+            };
+            let own = &rows[starts[first] as usize..starts[end] as usize];
+            own.iter().for_each(|&row| add(row, &mut self.below));
+            for &child in &children[f] {
+                let child = &self.fronts[child as usize];
+                for at in child.below_at..child.below_at + child.below {
+                    let row = self.below[at];
+                    add(row, &mut self.below);
+                }
+            }
+            self.below[below_at..].sort_unstable();
+            let (columns, below) = (end - first, self.below.len() - below_at);
+            let padded = columns.next_multiple_of(LANES);
+            let stride = padded + below.next_multiple_of(LANES);
+            (first..end).zip(0u32..).for_each(|(row, at)| local[row] = at);
+            let numbered = self.below[below_at..].iter().zip(padded as u32..);
+            numbered.for_each(|(&row, at)| local[row as usize] = at);
+            for column in first..end {
+                let own = &rows[starts[column] as usize..starts[column + 1] as usize];
+                let at = ((column - first) * stride) as u32;
+                self.places.extend(own.iter().map(|&row| at + local[row as usize]));
+            }
+            // rows of children in the numbers of this front
+            self.relative.resize(self.below.len(), 0);
+            for &child in &children[f] {
+                let child = &self.fronts[child as usize];
+                for at in child.below_at..child.below_at + child.below {
+                    self.relative[at] = local[self.below[at] as usize];
+                }
+            }
+            if let Some(&next) = self.below.get(below_at) {
+                // its front is not known yet: columns are in order, so look it up
+                let parent = firsts.partition_point(|&first| first <= next as usize) - 1;
+                parents[f] = parent as u32;
+                children[parent].push(f as u32);
+            }
+            self.fronts.push(Front {
+                first,
+                columns,
+                padded,
+                below,
+                stride,
+                panel: self.factor_length,
+                below_at,
+                children: (0, 0),
+            });
+            self.factor_length += columns * stride;
+            self.longest = self.longest.max(stride);
+        }
+        parents
+    }
+
+    /// The order of the work, and the stack that it needs.
+    fn order_work(&mut self, parents: &[u32]) {
+        let rests: Vec<u32> = self.fronts.iter().map(|f| f.rest() as u32).collect();
+        self.sequence = postorder(parents, &rests);
+        let mut children: Vec<Vec<u32>> = vec![Vec::new(); parents.len()];
+        let mut top = 0;
+        for &f in &self.sequence {
+            let own = &children[f as usize];
+            let at = self.children.len();
+            self.children.extend(own);
+            let front = &mut self.fronts[f as usize];
+            front.children = (at, self.children.len());
+            let size = front.rest().pow(2);
+            self.stack_length = self.stack_length.max(top + size);
+            let waiting: usize = own.iter().map(|&c| self.fronts[c as usize].rest().pow(2)).sum();
+            top = top + size - waiting;
+            if let Some(list) = children.get_mut(parents[f as usize] as usize) {
+                list.push(f);
+            }
+        }
+    }
+
+    /// Floating point operations: the sum over columns of the squared count, zeros of merged
+    /// columns included, padding not.
+    pub fn flops(&self) -> f64 {
+        let of = |f: &Front| -> f64 {
+            (0..f.columns).map(|j| ((f.columns + f.below - j) as f64).powi(2)).sum()
+        };
+        self.fronts.iter().map(of).sum()
+    }
+}
+
+/// First columns of the sets of neighbouring columns with one pattern.
+fn fundamental(parents: &[u32], counts: &[u32], leading: usize) -> Vec<usize> {
+    let begins = |j: usize| {
+        let continues = j > 0 && parents[j - 1] as usize == j && counts[j - 1] == counts[j] + 1;
+        j == leading || (j < leading && !continues)
+    };
+    (0..parents.len()).filter(|&j| begins(j)).collect()
+}
+
+/// Merges narrow sets with the one that follows where few zeros come in: fewer, larger fronts.
+///
+/// The rule of CHOLMOD (Chen, Davis, Hager, Rajamanickam 2008): columns after merging, and the
+/// share of zeros they may hold.
+fn relaxed(firsts: &[usize], parents: &[u32], counts: &[u32], leading: usize) -> Vec<usize> {
+    let mut kept: Vec<usize> = Vec::with_capacity(firsts.len());
+    // of the set that stands last in `kept`: columns, rows, zeros
+    let (mut columns, mut rows, mut zeros) = (0, 0, 0);
+    let mut end = parents.len();
+    for &first in firsts.iter().rev() {
+        let (own, last) = (end - first, end - 1);
+        let below = counts[last] as usize;
+        let joined = kept.last().is_some_and(|&next| next == end && end < leading)
+            && parents[last] as usize == end;
+        let merged_columns = own + columns;
+        let merged_zeros = zeros + own * (rows - below.min(rows));
+        let entries = merged_columns * (own + rows) - merged_columns * (merged_columns - 1) / 2;
+        let share = merged_zeros as f64 / entries.max(1) as f64;
+        let few = match merged_columns {
+            0..=4 => true,
+            5..=16 => share < 0.8,
+            17..=48 => share < 0.1,
+            _ => share < 0.05,
+        };
+        if joined && few {
+            kept.pop();
+            (columns, rows, zeros) = (merged_columns, own + rows, merged_zeros);
+        } else {
+            (columns, rows, zeros) = (own, own + below, 0);
+        }
+        kept.push(first);
+        end = first;
+    }
+    kept.reverse();
+    kept
+}
