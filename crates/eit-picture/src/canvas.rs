@@ -3,9 +3,10 @@
 use std::io::Write;
 
 use image::{
-    ExtendedColorType, ImageEncoder,
+    ExtendedColorType, ImageEncoder, RgbImage,
     codecs::png::{CompressionType, FilterType, PngEncoder},
 };
+use plotters::style::text_anchor::HPos;
 
 use crate::{
     PictureError,
@@ -20,43 +21,32 @@ pub(crate) const WHITE: Rgb = [255; 3];
 pub(crate) const INK: Rgb = [32; 3];
 /// Outlines and axes.
 pub(crate) const LINE: Rgb = [96; 3];
-/// Hatching where the skin has no value, grid lines.
+/// Hatching where the skin has no value.
 pub(crate) const PALE: Rgb = [196; 3];
-
-/// Which part of a text stands at the given x.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Align {
-    Left,
-    Centre,
-    Right,
-}
 
 /// A white page to draw on. Positions are in points, x to the right and y down from the top left.
 #[derive(Clone, Debug)]
 pub struct Canvas {
-    width_px: usize,
-    height_px: usize,
+    pixels: RgbImage,
     zoom: usize,
-    rgb: Vec<u8>,
     font: Font,
 }
 
 impl Canvas {
     /// An empty page of `width` by `height` points with `zoom` pixels to a point.
     pub(crate) fn new(width: f64, height: f64, zoom: usize, font: Font) -> Self {
-        let px = |length: f64| (length.ceil().max(1.0) as usize) * zoom;
-        let (width_px, height_px) = (px(width), px(height));
-        Self { width_px, height_px, zoom, rgb: vec![255; 3 * width_px * height_px], font }
+        let [width, height] = [width, height].map(|s| s.ceil().max(1.0) as u32 * zoom as u32);
+        Self { pixels: RgbImage::from_pixel(width, height, image::Rgb(WHITE)), zoom, font }
     }
 
     /// Width and height in pixels.
     pub fn size_px(&self) -> [usize; 2] {
-        [self.width_px, self.height_px]
+        [self.pixels.width() as usize, self.pixels.height() as usize]
     }
 
     /// The pixels row by row from the top, three bytes each.
     pub fn rgb(&self) -> &[u8] {
-        &self.rgb
+        self.pixels.as_raw()
     }
 
     /// Pixels to a point.
@@ -64,57 +54,61 @@ impl Canvas {
         self.zoom
     }
 
+    /// The font of the page.
+    pub(crate) fn font(&self) -> &Font {
+        &self.font
+    }
+
     /// Writes the page as PNG.
     ///
     /// # Errors
     /// [`PictureError::Png`] when `out` cannot be written.
     pub fn write_png(&self, out: impl Write) -> Result<(), PictureError> {
-        let [width, height] = [self.width_px as u32, self.height_px as u32];
+        let (width, height) = self.pixels.dimensions();
         PngEncoder::new_with_quality(out, CompressionType::Default, FilterType::Adaptive)
-            .write_image(&self.rgb, width, height, ExtendedColorType::Rgb8)?;
+            .write_image(self.rgb(), width, height, ExtendedColorType::Rgb8)?;
         Ok(())
     }
 
-    /// Lays `colour` over a pixel, `opacity` from 0 to 1; outside the page nothing happens.
-    pub(crate) fn blend(&mut self, x: i64, y: i64, colour: Rgb, opacity: f64) {
-        let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
-        if x < self.width_px && y < self.height_px {
-            let at = 3 * (y * self.width_px + x);
-            for (old, new) in self.rgb[at..at + 3].iter_mut().zip(colour) {
-                let mixed = f64::from(*old) + opacity * (f64::from(new) - f64::from(*old));
-                *old = mixed.round() as u8;
-            }
+    /// Lays `color` over a pixel, `opacity` from 0 to 1; outside the page nothing happens.
+    pub(crate) fn blend(&mut self, x: i64, y: i64, color: Rgb, opacity: f64) {
+        let (Ok(x), Ok(y)) = (u32::try_from(x), u32::try_from(y)) else { return };
+        let Some(pixel) = self.pixels.get_pixel_mut_checked(x, y) else { return };
+        for (old, new) in pixel.0.iter_mut().zip(color) {
+            let mixed = f64::from(*old) + opacity * (f64::from(new) - f64::from(*old));
+            *old = mixed.round() as u8;
         }
     }
 
     /// Fills a rectangle, its borders rounded to whole pixels.
-    pub(crate) fn fill_rect(&mut self, [left, top]: [f64; 2], size: [f64; 2], colour: Rgb) {
+    pub(crate) fn fill_rect(&mut self, [left, top]: [f64; 2], size: [f64; 2], color: Rgb) {
         let px = |at: f64| (at * self.zoom as f64).round() as i64;
         let (columns, rows) = (px(left)..px(left + size[0]), px(top)..px(top + size[1]));
         for y in rows {
-            columns.clone().for_each(|x| self.blend(x, y, colour, 1.0));
+            columns.clone().for_each(|x| self.blend(x, y, color, 1.0));
         }
     }
 
     /// Draws a polyline with round ends and joints, anti-aliased. A single point is a dot.
-    ///
-    /// Each pixel takes the coverage of the nearest segment, so that joints are not darker.
-    pub(crate) fn stroke(&mut self, points: &[[f64; 2]], width: f64, colour: Rgb, opacity: f64) {
+    pub(crate) fn stroke(&mut self, points: &[[f64; 2]], width: f64, color: Rgb, opacity: f64) {
         let zoom = self.zoom as f64;
         let points: Vec<_> = points.iter().map(|p| [p[0] * zoom, p[1] * zoom]).collect();
-        let Some(last) =
-            points.last().copied().filter(|_| points.iter().flatten().all(|v| v.is_finite()))
-        else {
-            return;
-        };
-        let width = width * zoom;
+        self.stroke_px(&points, width * zoom, color, opacity);
+    }
+
+    /// The same in pixels.
+    ///
+    /// Each pixel takes the coverage of the nearest segment, so that joints are not darker.
+    pub(crate) fn stroke_px(&mut self, points: &[[f64; 2]], width: f64, color: Rgb, opacity: f64) {
+        let finite = points.iter().flatten().all(|v| v.is_finite());
+        let Some(last) = points.last().copied().filter(|_| finite) else { return };
         let reach = width / 2.0 + 1.0;
         let pixels = |axis: usize, size: usize| {
             let low = points.iter().map(|p| p[axis]).fold(f64::INFINITY, f64::min) - reach;
             let high = points.iter().map(|p| p[axis]).fold(f64::NEG_INFINITY, f64::max) + reach;
             (low.max(0.0) as usize).min(size)..(high.max(0.0).ceil() as usize).min(size)
         };
-        let (columns, rows) = (pixels(0, self.width_px), pixels(1, self.height_px));
+        let (columns, rows) = (pixels(0, self.size_px()[0]), pixels(1, self.size_px()[1]));
         let mut coverage = vec![0.0_f64; columns.len() * rows.len()];
         let ends = points.iter().skip(1).copied().chain([last]);
         for (start, end) in points.iter().copied().zip(ends) {
@@ -134,27 +128,17 @@ impl Canvas {
         }
         for (at, &covered) in coverage.iter().enumerate().filter(|(_, covered)| **covered > 0.0) {
             let (x, y) = (columns.start + at % columns.len(), rows.start + at / columns.len());
-            self.blend(x as i64, y as i64, colour, covered * opacity);
+            self.blend(x as i64, y as i64, color, covered * opacity);
         }
     }
 
-    /// The font of the page.
-    pub(crate) fn font(&self) -> &Font {
-        &self.font
-    }
-
     /// Writes one line; `y` is the middle of the capitals. Letters stand on whole pixels.
-    pub(crate) fn text(&mut self, text: &str, em: f64, at: [f64; 2], align: Align, colour: Rgb) {
+    pub(crate) fn text(&mut self, text: &str, em: f64, at: [f64; 2], align: HPos, color: Rgb) {
         let (zoom, font) = (self.zoom as f64, self.font.clone());
         let em = em * zoom;
-        let shift = match align {
-            Align::Left => 0.0,
-            Align::Centre => 0.5,
-            Align::Right => 1.0,
-        };
-        let x = (at[0] * zoom - shift * font.width(text, em)).round();
+        let x = (at[0] * zoom + font.left_of(text, em, align)).round();
         let baseline = (at[1] * zoom + CAP_HEIGHT_EM * em / 2.0).round();
-        font.raster(text, em, [x, baseline], |x, y, covered| self.blend(x, y, colour, covered));
+        font.raster(text, em, [x, baseline], |x, y, covered| self.blend(x, y, color, covered));
     }
 }
 
@@ -189,7 +173,7 @@ mod tests {
 
     /// Ink on the page, in fully covered black pixels.
     fn ink(canvas: &Canvas) -> f64 {
-        canvas.rgb.iter().step_by(3).map(|&red| 1.0 - f64::from(red) / 255.0).sum()
+        canvas.rgb().iter().step_by(3).map(|&red| 1.0 - f64::from(red) / 255.0).sum()
     }
 
     #[test]
@@ -208,8 +192,8 @@ mod tests {
         canvas.stroke(&[[-1e300, -1e300], [-1e9, -5.0]], 2.0, [0; 3], 1.0);
         canvas.stroke(&[[1e12, 5.0], [1e15, 9.0]], 2.0, [0; 3], 1.0);
         canvas.stroke(&[], 2.0, [0; 3], 1.0);
-        canvas.text("off", 10.0, [-500.0, 1e9], Align::Centre, [0; 3]);
+        canvas.text("off", 10.0, [-500.0, 1e9], HPos::Center, [0; 3]);
         canvas.fill_rect([50.0, 50.0], [5.0, 5.0], [0; 3]);
-        assert_eq!(canvas.rgb, page().rgb);
+        assert_eq!(canvas.rgb(), page().rgb());
     }
 }

@@ -2,6 +2,28 @@
 
 use crate::Extent;
 
+/// What a point of a drawing belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum PointOf {
+    /// An outline of the skin.
+    Outline,
+    /// The curve of an electrode.
+    Electrode,
+    /// The nodes of a mesh.
+    Node,
+}
+
+impl std::fmt::Display for PointOf {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Outline => "outline",
+            Self::Electrode => "electrode",
+            Self::Node => "node",
+        })
+    }
+}
+
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -26,11 +48,17 @@ pub enum PictureError {
         /// Series given.
         series: usize,
     },
+    /// plotters could not draw.
+    #[error("cannot draw the plot: {message}")]
+    Plot {
+        /// What plotters says.
+        message: String,
+    },
     /// A coordinate of the skin that is not a number.
     #[error("{what} {index} has the coordinates ({x_m}, {y_m}) m; they must be finite")]
     Coordinates {
         /// Which list the point is in.
-        what: &'static str,
+        what: PointOf,
         /// Which of the list, from 0.
         index: usize,
         /// The point.

@@ -1,6 +1,8 @@
 #![doc = include_str!("../README.md")]
 
 mod animation;
+mod axis;
+mod backend;
 mod canvas;
 mod colormap;
 mod error;
@@ -18,6 +20,7 @@ mod settings;
 mod sheet;
 mod skin;
 mod text;
+mod ticks;
 mod tracks;
 #[cfg(feature = "mesh")]
 mod view;
@@ -25,7 +28,7 @@ mod view;
 pub use animation::write_gif;
 pub use canvas::Canvas;
 pub use colormap::ColorMap;
-pub use error::PictureError;
+pub use error::{PictureError, PointOf};
 pub use mesh::{MeshDrawing, draw_mesh};
 pub use plot::{Plot, Series, draw_plot};
 pub use settings::{FrameLabels, PictureSettings};

@@ -1,7 +1,7 @@
 //! A mesh: edges, electrodes, and if wanted a value for each triangle.
 
 use crate::{
-    PictureError, PictureSettings, SkinDrawing,
+    PictureError, PictureSettings, PointOf, SkinDrawing,
     canvas::{Canvas, LINE, Rgb},
     page::{Page, PageSettings},
     panel::Panel,
@@ -88,7 +88,7 @@ fn check(mesh: &MeshDrawing<'_>) -> Result<(), PictureError> {
     }
     for (index, &[x_m, y_m]) in mesh.nodes_m.iter().enumerate() {
         if !(x_m.is_finite() && y_m.is_finite()) {
-            return Err(PictureError::Coordinates { what: "node", index, x_m, y_m });
+            return Err(PictureError::Coordinates { what: PointOf::Node, index, x_m, y_m });
         }
     }
     Ok(())

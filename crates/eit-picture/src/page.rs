@@ -1,7 +1,9 @@
 //! The page around the panels: headline, grid, colour bar, small print.
 
+use plotters::style::text_anchor::HPos;
+
 use crate::{
-    canvas::{Align, Canvas, INK, LINE},
+    canvas::{Canvas, INK, LINE},
     scale::Scale,
     text::Font,
 };
@@ -106,7 +108,7 @@ impl Page {
     pub(crate) fn label(&self, canvas: &mut Canvas, corner: [f64; 2], text: &str) {
         let middle = corner[0] + self.cell_size[0] / 2.0;
         let line = corner[1] + self.cell_size[1] + LABEL_EM * 0.7;
-        canvas.text(text, LABEL_EM, [middle, line], Align::Centre, INK);
+        canvas.text(text, LABEL_EM, [middle, line], HPos::Center, INK);
     }
 }
 
@@ -128,7 +130,7 @@ pub(crate) fn write_block(canvas: &mut Canvas, lines: &[String], em: f64, top: f
     let color = if em > LABEL_EM { INK } else { LINE };
     for (k, line) in lines.iter().enumerate() {
         let middle = top + (k as f64 + 0.5) * em * LEADING - 1.0;
-        canvas.text(line, em, [MARGIN, middle], Align::Left, color);
+        canvas.text(line, em, [MARGIN, middle], HPos::Left, color);
     }
 }
 

@@ -2,10 +2,11 @@
 //! Long because the layers share one scale from metres to pixels.
 
 use ndarray::ArrayView2;
+use plotters::style::text_anchor::HPos;
 
 use crate::{
-    Extent, PictureError, SkinDrawing,
-    canvas::{Align, Canvas, INK, LINE, PALE, WHITE},
+    Extent, PictureError, PointOf, SkinDrawing,
+    canvas::{Canvas, INK, LINE, PALE, WHITE},
     numbers::{NUMBER_EM, NUMBER_GAP, NUMBER_HEIGHT, Number, crossings, place_numbers, trimmed},
     scale::Scale,
     text::Font,
@@ -190,12 +191,10 @@ impl Panel {
                 let label = [[x - width / 2.0, y], [x + width / 2.0, y]];
                 canvas.stroke(&label, NUMBER_EM * NUMBER_HEIGHT + 3.0, WHITE, 0.8);
             }
-            canvas.text(&number.to_string(), NUMBER_EM, [x, y], Align::Centre, INK);
+            canvas.text(&number.to_string(), NUMBER_EM, [x, y], HPos::Center, INK);
         }
     }
-}
 
-impl Panel {
     /// Draws a small cross on each place that is on the panel, dark on a light ground.
     pub(crate) fn draw_marks(&self, canvas: &mut Canvas, corner: [f64; 2], marks_m: &[[f64; 2]]) {
         let on_panel = |p: &[f64; 2]| (0..2).all(|i| (0.0..=self.size[i]).contains(&p[i]));
@@ -216,8 +215,10 @@ fn bounds_m(skin: &SkinDrawing) -> Result<Extent, PictureError> {
     if !spans.iter().all(|span| span.is_finite() && *span > 0.0) {
         return Err(PictureError::Extent(skin.extent));
     }
-    let outlines = skin.outlines_m.iter().enumerate().map(|(i, curve)| ("outline", i, curve));
-    let electrodes = skin.electrodes.iter().enumerate().map(|(i, e)| ("electrode", i, &e.rim_m));
+    let outlines =
+        skin.outlines_m.iter().enumerate().map(|(i, curve)| (PointOf::Outline, i, curve));
+    let electrodes =
+        skin.electrodes.iter().enumerate().map(|(i, e)| (PointOf::Electrode, i, &e.rim_m));
     let mut low = [f64::INFINITY; 2];
     let mut high = [f64::NEG_INFINITY; 2];
     for (what, index, curve) in outlines.chain(electrodes) {

@@ -1,10 +1,25 @@
 //! Curves over an axis: L-curves, convergence, error against run time.
 
+use std::{cell::RefCell, convert::Infallible, rc::Rc};
+
+use plotters::{
+    chart::ChartBuilder,
+    coord::Shift,
+    drawing::{DrawingArea, DrawingAreaErrorKind},
+    element::{Circle, PathElement},
+    style::{
+        FontDesc, FontFamily, FontStyle, RGBColor, ShapeStyle, TextStyle,
+        text_anchor::{HPos, Pos, VPos},
+    },
+};
+use plotters_backend::BackendColor;
+
 use crate::{
     PictureError,
-    canvas::{Align, Canvas, INK, LINE, PALE, Rgb, WHITE, crisp, crisp_frame},
+    axis::Axis,
+    backend::Backend,
+    canvas::{Canvas, INK, LINE, Rgb, WHITE},
     page::{LABEL_EM, MARGIN, NOTE_EM, TITLE_EM, block_height, write_block},
-    scale::{Ticks, power_of_ten},
     text::Font,
 };
 
@@ -12,10 +27,13 @@ use crate::{
 const AREA: [f64; 2] = [400.0, 270.0];
 /// Longer names in the legend are cut, in points.
 const NAME_WIDTH: f64 = 200.0;
-/// Height of a line of labels, in points.
+/// Height of a line of labels, of both below the axis, and length of a tick, in points.
 const LINE_HEIGHT: f64 = 18.0;
-/// Room between the extreme points and the axes, as part of the range.
-const PADDING: f64 = 0.04;
+const LABELS: f64 = 2.0 * LINE_HEIGHT;
+const TICK: f64 = 3.0;
+/// Lines of the grid, at the numbers and between them.
+const GRID: Rgb = [212; 3];
+const FAINT: Rgb = [235; 3];
 /// Colours that colour-blind readers tell apart (M. Okabe, K. Ito, "Color Universal Design",
 /// 2008), without the yellow that is too pale for lines on paper.
 pub(crate) const COLORS: [Rgb; 7] = [
@@ -63,162 +81,177 @@ pub struct Plot {
     pub zoom: usize,
 }
 
-/// Draws curves. Long, but one chain: each length follows from those before.
+/// Draws curves, their legend to the right.
 ///
 /// # Errors
 /// [`PictureError::NoPoints`] when no point can be shown.
 pub fn draw_plot(plot: &Plot) -> Result<Canvas, PictureError> {
-    let logs = [plot.x_log, plot.y_log];
-    let usable = |p: &[f64; 2]| {
-        p.iter().zip(logs).all(|(v, log)| v.abs() <= 1e300 && (!log || *v >= 1e-300))
-    };
-    let points = || plot.series.iter().flat_map(|s| &s.points).filter(|p| usable(p));
+    let points = || plot.series.iter().flat_map(|s| &s.points).filter(|p| plot.shows(p));
     if points().next().is_none() {
         return Err(PictureError::NoPoints { series: plot.series.len() });
     }
+    let font = Font::load()?;
     let x_axis = Axis::new(points().map(|p| p[0]), plot.x_log, &plot.x_label);
     let y_axis = Axis::new(points().map(|p| p[1]), plot.y_log, &plot.y_label);
-
-    let font = Font::load()?;
-    let widest = |texts: &mut dyn Iterator<Item = &String>| {
-        texts.map(|text| font.width(text, LABEL_EM)).fold(0.0, f64::max)
-    };
-    let left = (MARGIN + widest(&mut y_axis.ticks.iter().map(|t| &t.1)) + 8.0).ceil();
-    let names: Vec<String> =
-        plot.series.iter().map(|s| font.shortened(&s.name, LABEL_EM, NAME_WIDTH)).collect();
-    let legend = widest(&mut names.iter());
-    let legend = if legend > 0.0 { legend + 46.0 } else { 0.0 };
-    let width = left + AREA[0] + legend.max(8.0) + MARGIN;
-    let title = font.wrap(&plot.title, TITLE_EM, width - 2.0 * MARGIN);
-    let note = font.wrap(&plot.footnote, NOTE_EM, width - 2.0 * MARGIN);
-    let title_height = block_height(&title, TITLE_EM);
-    let top = (MARGIN + title_height + LINE_HEIGHT + 4.0).floor();
-    let named = names.iter().filter(|name| !name.is_empty()).count();
-    let below_legend = 16.0 + LINE_HEIGHT * named as f64;
-    let note_top = top + (AREA[1] + 2.0 * LINE_HEIGHT + 8.0).max(below_legend);
-    let height = note_top + block_height(&note, NOTE_EM) + MARGIN;
-
-    let mut canvas = Canvas::new(width, height, plot.zoom.clamp(1, 4), font);
-    write_block(&mut canvas, &title, TITLE_EM, MARGIN);
-    write_block(&mut canvas, &note, NOTE_EM, note_top);
-    draw_axes(&mut canvas, [left, top], &x_axis, &y_axis);
-    let place = |p: &[f64; 2]| {
-        usable(p).then(|| {
-            [left + x_axis.place(p[0]) * AREA[0], top + (1.0 - y_axis.place(p[1])) * AREA[1]]
-        })
-    };
-    let mut legend_at = [left + AREA[0] + 14.0, top + 8.0];
-    // the colours come again, with hollow marks
-    let styles = (0..).map(|k: usize| (COLORS[k % COLORS.len()], k / COLORS.len() % 2 == 1));
-    for ((series, name), (color, hollow)) in plot.series.iter().zip(&names).zip(styles) {
-        let points: Vec<_> = series.points.iter().map(place).collect();
-        if series.line {
-            for run in points.split(Option::is_none) {
-                draw_line(&mut canvas, &run.iter().flatten().copied().collect::<Vec<_>>(), color);
-            }
-        }
-        if series.markers {
-            for point in points.iter().flatten() {
-                draw_marker(&mut canvas, *point, color, hollow);
-            }
-        }
-        if !name.is_empty() {
-            let [x, y] = legend_at;
-            if series.line {
-                draw_line(&mut canvas, &[[x, y], [x + 20.0, y]], color);
-            }
-            if series.markers {
-                draw_marker(&mut canvas, [x + 10.0, y], color, hollow);
-            }
-            canvas.text(name, LABEL_EM, [x + 28.0, y], Align::Left, INK);
-            legend_at[1] += LINE_HEIGHT;
-        }
-    }
+    let layout = Layout::new(plot, &y_axis, &font);
+    let mut canvas = Canvas::new(layout.size[0], layout.size[1], plot.zoom.clamp(1, 4), font);
+    write_block(&mut canvas, &layout.title, TITLE_EM, MARGIN);
+    write_block(&mut canvas, &layout.note, NOTE_EM, layout.note_top);
+    let pen = Pen { zoom: canvas.zoom() as f64 };
+    let page = Rc::new(RefCell::new(Backend(canvas)));
+    pen.draw(plot, &layout, &DrawingArea::from(&page), [x_axis, y_axis])
+        .map_err(|error| PictureError::Plot { message: error.to_string() })?;
+    let canvas = page.borrow().0.clone();
     Ok(canvas)
 }
 
-/// Frame, grid, ticks and the names of the axes.
-fn draw_axes(canvas: &mut Canvas, [left, top]: [f64; 2], x_axis: &Axis, y_axis: &Axis) {
-    let (right, bottom) = (left + AREA[0], top + AREA[1]);
-    for (place, label) in &x_axis.ticks {
-        let x = crisp(left + place * AREA[0]);
-        canvas.stroke(&[[x, top], [x, bottom]], 0.6, PALE, 0.7);
-        canvas.text(label, LABEL_EM, [x, bottom + 12.0], Align::Centre, INK);
-    }
-    for (place, label) in &y_axis.ticks {
-        let y = crisp(bottom - place * AREA[1]);
-        canvas.stroke(&[[left, y], [right, y]], 0.6, PALE, 0.7);
-        canvas.text(label, LABEL_EM, [left - 6.0, y], Align::Right, INK);
-    }
-    canvas.stroke(&crisp_frame([left, top], AREA), 1.0, LINE, 1.0);
-    let below = [left + AREA[0] / 2.0, bottom + 12.0 + LINE_HEIGHT];
-    canvas.text(&x_axis.label, LABEL_EM, below, Align::Centre, INK);
-    canvas.text(&y_axis.label, LABEL_EM, [left, top - 11.0], Align::Left, INK);
-}
-
-fn draw_line(canvas: &mut Canvas, points: &[[f64; 2]], color: Rgb) {
-    canvas.stroke(points, 1.6, color, 1.0);
-}
-
-/// A dot with a white rim, so that neighbours stay apart; or a ring.
-fn draw_marker(canvas: &mut Canvas, point: [f64; 2], color: Rgb, hollow: bool) {
-    canvas.stroke(&[point], 7.5, WHITE, 1.0);
-    canvas.stroke(&[point], 6.0, color, 1.0);
-    if hollow {
-        canvas.stroke(&[point], 3.0, WHITE, 1.0);
+impl Plot {
+    /// True for a point that the axes can show.
+    fn shows(&self, point: &[f64; 2]) -> bool {
+        let logs = [self.x_log, self.y_log];
+        point.iter().zip(logs).all(|(v, log)| v.abs() <= 1e300 && (!log || *v >= 1e-300))
     }
 }
 
-/// One axis: its range and what is written along it.
-struct Axis {
-    log: bool,
-    low: f64,
-    high: f64,
-    label: String,
-    /// Places from 0 to 1, and what stands there.
-    ticks: Vec<(f64, String)>,
+/// Where the parts of a plot are, in points.
+struct Layout {
+    size: [f64; 2],
+    title: Vec<String>,
+    note: Vec<String>,
+    note_top: f64,
+    /// Upper left corner of the area between the axes.
+    corner: [f64; 2],
+    /// Names in the legend, cut to its width; empty where a series is not in it.
+    names: Vec<String>,
 }
 
-impl Axis {
-    /// An axis over all values, which are finite, and positive if `log`.
-    fn new(values: impl Iterator<Item = f64> + Clone, log: bool, label: &str) -> Self {
-        let transformed = values.map(|v| if log { v.log10() } else { v });
-        let least = transformed.clone().fold(f64::INFINITY, f64::min);
-        let most = transformed.fold(f64::NEG_INFINITY, f64::max);
-        // a single value, or values alike to six digits, still need an axis with ticks
-        let least_span = if log { 0.02 } else { (1e-6 * least.abs().max(most.abs())).max(1e-300) };
-        let missing = (least_span - (most - least)).max(0.0) / 2.0;
-        let padding = PADDING * (most - least + 2.0 * missing);
-        let (low, high) = (least - missing - padding, most + missing + padding);
-        let mut axis = Self { log, low, high, label: label.to_owned(), ticks: Vec::new() };
-        if log && high - low >= 1.0 {
-            // most 8 decades are written, so that the labels stand apart
-            let every = (((high - low) / 8.0).ceil() as i32).max(1);
-            let decades = (low.ceil() as i32)..=(high.floor() as i32);
-            axis.ticks = decades
-                .filter(|decade| decade % every == 0)
-                .map(|decade| (axis.share(f64::from(decade)), power_of_ten(decade)))
-                .collect();
-            return axis;
+impl Layout {
+    /// One chain: each length follows from those before.
+    fn new(plot: &Plot, y_axis: &Axis, font: &Font) -> Self {
+        let widest = |texts: &[String]| {
+            texts.iter().map(|text| font.width(text, LABEL_EM)).fold(0.0, f64::max)
+        };
+        // the axis's name, its numbers and its ticks
+        let left = (MARGIN + LINE_HEIGHT + widest(&y_axis.labels) + 3.0 * TICK).ceil();
+        let name = |series: &Series| font.shortened(&series.name, LABEL_EM, NAME_WIDTH);
+        let names: Vec<String> = plot.series.iter().map(name).collect();
+        let legend = widest(&names);
+        let legend = if legend > 0.0 { legend + 46.0 } else { 8.0 };
+        let width = left + AREA[0] + legend + MARGIN;
+        let title = font.wrap(&plot.title, TITLE_EM, width - 2.0 * MARGIN);
+        let note = font.wrap(&plot.footnote, NOTE_EM, width - 2.0 * MARGIN);
+        let top = (MARGIN + block_height(&title, TITLE_EM) + 8.0).floor();
+        let named = names.iter().filter(|name| !name.is_empty()).count();
+        let below_legend = 16.0 + LINE_HEIGHT * named as f64;
+        let note_top = top + (AREA[1] + LABELS + 8.0).max(below_legend);
+        let height = note_top + block_height(&note, NOTE_EM) + MARGIN;
+        Self { size: [width, height], title, note, note_top, corner: [left, top], names }
+    }
+}
+
+/// plotters' error with our backend.
+type PlotError = DrawingAreaErrorKind<Infallible>;
+
+/// Draws with plotters, so many pixels to a point.
+#[derive(Clone, Copy)]
+struct Pen {
+    zoom: f64,
+}
+
+impl Pen {
+    /// Points in whole pixels.
+    fn px(self, length: f64) -> i32 {
+        (length * self.zoom).round() as i32
+    }
+
+    /// A line so many points wide, or a filled shape.
+    fn style(self, [r, g, b]: Rgb, width: f64) -> ShapeStyle {
+        let stroke_width = self.px(width).max(1) as u32;
+        ShapeStyle { color: RGBColor(r, g, b).into(), filled: true, stroke_width }
+    }
+
+    /// How labels are written; the backend knows one font.
+    fn text(self, pos: Pos) -> TextStyle<'static> {
+        let font = FontDesc::new(FontFamily::SansSerif, LABEL_EM * self.zoom, FontStyle::Normal);
+        let [r, g, b] = INK;
+        TextStyle { font, color: BackendColor { alpha: 1.0, rgb: (r, g, b) }, pos }
+    }
+
+    /// Draws axes, grid and curves, then the legend.
+    fn draw(
+        self,
+        plot: &Plot,
+        layout: &Layout,
+        page: &DrawingArea<Backend, Shift>,
+        [x_axis, y_axis]: [Axis; 2],
+    ) -> Result<(), PlotError> {
+        let [left, top] = layout.corner.map(|at| self.px(at));
+        let [width, height] = AREA.map(|length| self.px(length));
+        let (margin, below) = (self.px(MARGIN), self.px(LABELS));
+        let area = (left + width - margin, height + below);
+        let [x_name, y_name] = [&x_axis, &y_axis].map(|axis| axis.name.clone());
+        let mut chart = ChartBuilder::on(&page.clone().shrink((margin, top), area))
+            .x_label_area_size(below)
+            .y_label_area_size(left - margin)
+            .build_cartesian_2d(x_axis, y_axis)?;
+        let mut axes = chart.configure_mesh();
+        axes.x_desc(x_name).y_desc(y_name).label_style(self.text(Pos::default()));
+        axes.light_line_style(self.style(FAINT, 0.5)).bold_line_style(self.style(GRID, 0.5));
+        axes.axis_style(self.style(LINE, 1.0)).set_all_tick_mark_size(self.px(TICK)).draw()?;
+        for curve in self.curves(plot) {
+            for run in curve.series.points.split(|point| !plot.shows(point)) {
+                let run: Vec<(f64, f64)> = run.iter().map(|point| (*point).into()).collect();
+                chart.draw_series(curve.line(&run))?;
+                chart.draw_series(curve.markers(&run))?;
+            }
         }
-        let ends = if log { [10f64.powf(low), 10f64.powf(high)] } else { [low, high] };
-        let mut ticks = Ticks::linear(ends[0], ends[1], 7);
-        if ticks.exponent.abs() <= 3 {
-            ticks = ticks.labelled(0);
-        } else {
-            axis.label = format!("{label}  ×{}", power_of_ten(ticks.exponent));
+        let named = self.curves(plot).zip(&layout.names).filter(|(_, name)| !name.is_empty());
+        for (k, (curve, name)) in named.enumerate() {
+            let y = top + self.px(8.0 + k as f64 * LINE_HEIGHT);
+            let at = |right: f64| (left + width + self.px(14.0 + right), y);
+            curve.line(&[at(0.0), at(20.0)]).iter().try_for_each(|line| page.draw(line))?;
+            curve.markers(&[at(10.0)]).iter().try_for_each(|marker| page.draw(marker))?;
+            page.draw_text(name, &self.text(Pos::new(HPos::Left, VPos::Center)), at(28.0))?;
         }
-        axis.ticks = ticks.values.iter().map(|v| axis.place(*v)).zip(ticks.labels).collect();
-        axis
+        Ok(())
     }
 
-    /// Place of a value, 0 at the low end and 1 at the high one.
-    fn place(&self, value: f64) -> f64 {
-        self.share(if self.log { value.log10() } else { value })
+    /// The series with their colours, which come again with hollow marks.
+    fn curves(self, plot: &Plot) -> impl Iterator<Item = Curve<'_>> {
+        plot.series.iter().enumerate().map(move |(k, series)| Curve {
+            series,
+            color: COLORS[k % COLORS.len()],
+            hollow: k / COLORS.len() % 2 == 1,
+            pen: self,
+        })
+    }
+}
+
+/// A series as it is drawn.
+struct Curve<'a> {
+    series: &'a Series,
+    color: Rgb,
+    hollow: bool,
+    pen: Pen,
+}
+
+impl Curve<'_> {
+    /// Joins points where the series is a line.
+    fn line<C: Clone>(&self, points: &[C]) -> Option<PathElement<C>> {
+        self.series.line.then(|| PathElement::new(points, self.pen.style(self.color, 1.6)))
     }
 
-    fn share(&self, transformed: f64) -> f64 {
-        (transformed - self.low) / (self.high - self.low)
+    /// Dots or rings where the series has markers, with a white rim that keeps neighbours apart.
+    fn markers<C: Copy>(&self, points: &[C]) -> Vec<Circle<C, f64>> {
+        let rings = [(4.0, WHITE), (3.0, self.color), (1.5, WHITE)];
+        let rings = &rings[..if self.hollow { 3 } else { 2 }];
+        let of = |at: &C| {
+            let (at, pen) = (*at, self.pen);
+            rings.iter().map(move |(radius, color)| {
+                Circle::new(at, radius * pen.zoom, pen.style(*color, 1.0))
+            })
+        };
+        points.iter().filter(|_| self.series.markers).flat_map(of).collect()
     }
 }
 
@@ -240,23 +273,6 @@ mod tests {
     }
 
     #[test]
-    fn axes_have_ticks_for_any_values() {
-        let pairs = [[1.0, 1.0], [0.0, 0.0], [-3.0, 9e4], [1e300, -1e300], [5e-7, 5.000001e-7]];
-        for pair in pairs {
-            let axis = Axis::new(pair.into_iter(), false, "x");
-            assert!((2..=12).contains(&axis.ticks.len()), "{pair:?}: {:?}", axis.ticks);
-            assert!(axis.ticks.iter().all(|t| (0.0..=1.0).contains(&t.0)), "{:?}", axis.ticks);
-        }
-        for pair in [[1.0, 1.0], [1e-300, 1e300], [2.0, 3.0], [1e-6, 1.5e3]] {
-            let axis = Axis::new(pair.into_iter(), true, "x");
-            assert!((2..=12).contains(&axis.ticks.len()), "{pair:?}: {:?}", axis.ticks);
-        }
-        let decades = Axis::new([1e-2, 1e1].into_iter(), true, "x").ticks;
-        let labels: Vec<_> = decades.iter().map(|t| t.1.as_str()).collect();
-        assert_eq!(labels, ["10⁻²", "10⁻¹", "10⁰", "10¹"]);
-    }
-
-    #[test]
     fn the_curve_is_drawn_in_its_color_and_nothing_else_is() {
         let canvas = draw_plot(&plot(vec![[1.0, 1.0], [f64::NAN, 2.0], [100.0, 1e-9]], [true; 2]));
         let canvas = canvas.unwrap();
@@ -274,6 +290,29 @@ mod tests {
         };
         assert_eq!(height(2), height(9));
         assert!(height(30) >= height(9) + 11 * LINE_HEIGHT as usize);
+    }
+
+    /// Numbers below the axis have a letter's width between them, whatever the range.
+    #[test]
+    fn numbers_along_an_axis_stand_apart() {
+        use plotters::coord::ranged1d::{BoldPoints, Ranged as _};
+        let font = Font::load().unwrap();
+        let ends =
+            [[0.0, 1.0], [-3.7e-5, 9e4], [0.301, 0.697], [1e-7, 3e8], [2.0, 2.00001], [-9e9, -8e9]];
+        for (ends, log) in ends.into_iter().flat_map(|ends| [(ends, false), (ends, ends[0] > 0.0)])
+        {
+            let axis = Axis::new(ends.into_iter(), log, "x");
+            let places = axis.key_points(BoldPoints(8));
+            let places: Vec<i32> =
+                places.iter().map(|at| axis.map(at, (0, AREA[0] as i32))).collect();
+            let widths = axis.labels.windows(2).map(|pair| {
+                pair.iter().map(|label| font.width(label, LABEL_EM) / 2.0).sum::<f64>()
+                    + LABEL_EM / 2.0
+            });
+            for (pair, width) in places.windows(2).zip(widths) {
+                assert!(f64::from(pair[1] - pair[0]) > width, "{ends:?} {log}: {:?}", axis.labels);
+            }
+        }
     }
 
     #[test]

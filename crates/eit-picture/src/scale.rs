@@ -1,9 +1,11 @@
-//! From values to colours, and round numbers to write beside them.
+//! From values to colours, and the bar that says which is which.
+
+use plotters::style::text_anchor::HPos;
 
 use crate::{
-    PictureError, PictureSettings,
-    canvas::{Align, Canvas, INK, LINE, Rgb, crisp, crisp_frame},
-    colormap::ColorMap,
+    ColorMap, PictureError, PictureSettings,
+    canvas::{Canvas, INK, LINE, Rgb, crisp, crisp_frame},
+    ticks::{Ticks, with_prefix},
 };
 
 /// Steps of colour. Odd, so that zero has the neutral one; few enough to leave room for greys
@@ -69,7 +71,7 @@ impl Scale {
             );
         }
 
-        let ticks = Ticks::linear(low, high, 6);
+        let ticks = Ticks::new(low, high, 7);
         let unit = with_prefix(&settings.unit, ticks.exponent);
         let heading = match (settings.quantity.is_empty(), unit.is_empty()) {
             (_, true) => settings.quantity.clone(),
@@ -114,7 +116,7 @@ impl Scale {
     /// points above `top`.
     pub(crate) fn draw_bar(&self, canvas: &mut Canvas, [left, top]: [f64; 2], height: f64) {
         let heading = canvas.font().shortened(&self.heading, TICK_EM, HEADING_WIDTH);
-        canvas.text(&heading, TICK_EM, [left, top - 18.0], Align::Left, INK);
+        canvas.text(&heading, TICK_EM, [left, top - 18.0], HPos::Left, INK);
         let rows = (height * canvas.zoom() as f64) as usize;
         let row_height = height / rows.max(1) as f64;
         for row in 0..rows {
@@ -128,7 +130,7 @@ impl Scale {
             let y = bottom - self.position(*value) * height;
             let end = right + BAR[1];
             canvas.stroke(&[[right, crisp(y)], [end, crisp(y)]], 1.0, LINE, 1.0);
-            canvas.text(label, TICK_EM, [right + BAR[1] + 4.0, y], Align::Left, INK);
+            canvas.text(label, TICK_EM, [right + BAR[1] + 4.0, y], HPos::Left, INK);
         }
     }
 }
@@ -148,84 +150,6 @@ fn widened([low, high]: [f64; 2], map: ColorMap) -> [f64; 2] {
     [low - missing / 2.0, high + missing / 2.0]
 }
 
-/// Round numbers along an axis.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Ticks {
-    /// Where they stand.
-    pub(crate) values: Vec<f64>,
-    /// What is written: the value over ten to the exponent.
-    pub(crate) labels: Vec<String>,
-    /// Power of ten, a multiple of three, that the labels leave out.
-    pub(crate) exponent: i32,
-    /// Power of ten of the step's digit.
-    step_exponent: i32,
-}
-
-impl Ticks {
-    /// At most `most` (at least 2) steps of 1, 2 or 5 times a power of ten between the ends.
-    pub(crate) fn linear(low: f64, high: f64, most: usize) -> Self {
-        let rough = (high - low) / most.max(2) as f64;
-        let decade = rough.log10().floor();
-        // 1e-9: a rough step of exactly one power must not become the next by rounding
-        let mantissa = rough / 10f64.powf(decade) * (1.0 - 1e-9);
-        let nice = [1.0, 2.0, 5.0, 10.0].into_iter().find(|n| mantissa <= *n).unwrap_or(10.0);
-        let step = nice * 10f64.powf(decade);
-        // the largest tick decides the prefix: one to three digits before the point
-        let largest = low.abs().max(high.abs()) * (1.0 + 1e-9);
-        let exponent = 3 * (largest.log10() / 3.0).floor() as i32;
-        let step_exponent = decade as i32 + i32::from(nice == 10.0);
-        let (first, last) = ((low / step - 1e-6).ceil(), (high / step + 1e-6).floor());
-        let count = ((last - first).max(0.0) as usize).min(4 * most.max(2)) + 1;
-        let values: Vec<f64> = (0..count).map(|k| (first + k as f64) * step).collect();
-        Self { values, labels: Vec::new(), exponent, step_exponent }.labelled(exponent)
-    }
-
-    /// The same ticks, written over ten to another exponent.
-    pub(crate) fn labelled(mut self, exponent: i32) -> Self {
-        let decimals = (exponent - self.step_exponent).clamp(0, 12) as usize;
-        let label = |value: &f64| signed(value / 10f64.powi(exponent), decimals);
-        self.labels = self.values.iter().map(label).collect();
-        self.exponent = exponent;
-        self
-    }
-}
-
-/// A decimal number with a real minus sign, and none on zero.
-fn signed(value: f64, decimals: usize) -> String {
-    let digits = format!("{:.decimals$}", value.abs());
-    let zero = digits.chars().all(|c| c == '0' || c == '.');
-    if value < 0.0 && !zero { format!("−{digits}") } else { digits }
-}
-
-/// Ten to an integer power, as printed: 10⁻⁶.
-pub(crate) fn power_of_ten(exponent: i32) -> String {
-    const RAISED: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
-    let mut text = String::from("10");
-    for letter in exponent.to_string().chars() {
-        text.push(letter.to_digit(10).map_or('⁻', |digit| RAISED[digit as usize]));
-    }
-    text
-}
-
-/// The unit that stands for ten to `exponent` of `unit`: µS, or 10⁻¹⁵ S beyond the prefixes.
-fn with_prefix(unit: &str, exponent: i32) -> String {
-    let prefix = match exponent {
-        -12 => "p",
-        -9 => "n",
-        -6 => "µ",
-        -3 => "m",
-        0 => "",
-        3 => "k",
-        6 => "M",
-        9 => "G",
-        _ => return format!("{} {unit}", power_of_ten(exponent)).trim_end().to_owned(),
-    };
-    match unit {
-        "" if exponent != 0 => power_of_ten(exponent),
-        _ => format!("{prefix}{unit}"),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -235,22 +159,9 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_round_and_inside() {
-        let ticks = Ticks::linear(-2.34e-6, 2.34e-6, 6);
-        assert_eq!(ticks.labels, ["−2", "−1", "0", "1", "2"]);
-        assert_eq!(ticks.exponent, -6);
-        assert_eq!(Ticks::linear(0.0, 1.0, 5).labels, ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
-        assert_eq!(Ticks::linear(0.0, 999.0, 4).labels, ["0", "500"]);
-        assert_eq!(Ticks::linear(-1e3, 1e3, 4).labels, ["−1.0", "−0.5", "0.0", "0.5", "1.0"]);
-        assert_eq!(Ticks::linear(0.0, 45e-15, 6).labels, ["0", "10", "20", "30", "40"]);
-    }
-
-    #[test]
-    fn units_take_a_prefix_or_a_power() {
+    fn the_heading_says_the_unit_of_the_ticks() {
         assert_eq!(scale(&[-2e-6, 1e-6], ColorMap::CoolWarm, None).heading, "Δσ (µS)");
         assert_eq!(scale(&[3e-17], ColorMap::CoolWarm, None).heading, "Δσ (10⁻¹⁸ S)");
-        assert_eq!(with_prefix("", 3), "10³");
-        assert_eq!(with_prefix("", 0), "");
     }
 
     #[test]

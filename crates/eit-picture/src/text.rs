@@ -1,11 +1,14 @@
 //! Lettering: widths, line breaks and anti-aliased glyphs of the built-in font.
 
 use ab_glyph::{Font as _, FontRef, PxScale, ScaleFont as _, point};
+use plotters::style::text_anchor::HPos;
 
 use crate::PictureError;
 
-/// Height of capitals and digits of DejaVu Sans over its em (1493 of 2048 units).
+/// Height of capitals and digits of DejaVu Sans over its em (1493 of 2048 units), and how far letters
+/// reach below the line (483).
 pub(crate) const CAP_HEIGHT_EM: f64 = 0.729;
+pub(crate) const DESCENT_EM: f64 = 0.236;
 
 /// Most lines of a text; the rest is cut, so that no text makes a page too large to write.
 const MOST_LINES: usize = 12;
@@ -31,6 +34,15 @@ impl Font {
     pub(crate) fn width(&self, text: &str, em: f64) -> f64 {
         let font = self.0.as_scaled(self.scale(em));
         text.chars().map(|c| f64::from(font.h_advance(font.glyph_id(c)))).sum()
+    }
+
+    /// Where a line of text starts, seen from the place that it is aligned to.
+    pub(crate) fn left_of(&self, text: &str, em: f64, align: HPos) -> f64 {
+        match align {
+            HPos::Left => 0.0,
+            HPos::Center => -0.5 * self.width(text, em),
+            HPos::Right => -self.width(text, em),
+        }
     }
 
     /// Breaks text at blanks (but not at no-break spaces) so that no line is wider than `width`;

@@ -1,8 +1,10 @@
 //! Ways of touches over skins.
 
+use plotters::style::text_anchor::HPos;
+
 use crate::{
-    PictureError, SkinDrawing,
-    canvas::{Align, Canvas, INK, Rgb, WHITE},
+    PictureError, PictureSettings, SkinDrawing,
+    canvas::{Canvas, INK, Rgb, WHITE},
     page::{LABEL_EM, Page, PageSettings},
     panel::Panel,
     plot::COLORS,
@@ -41,18 +43,17 @@ pub struct TracksPanel {
     pub tracks: Vec<Track>,
 }
 
-/// Draws skins side by side with the ways over each.
+/// Draws skins side by side with the ways over each; of the settings only title, footnote and zoom matter.
 ///
 /// # Errors
 /// A skin whose coordinates are not finite.
 pub fn draw_tracks(
     panels: &[TracksPanel],
     skin: &SkinDrawing,
-    (title, note): (&str, &str),
-    zoom: usize,
+    settings: &PictureSettings,
 ) -> Result<Canvas, PictureError> {
     let font = Font::load()?;
-    let zoom = zoom.clamp(1, 4);
+    let zoom = settings.zoom.clamp(1, 4);
     let side = SIDES[usize::from(panels.len() > 1)];
     let panel = Panel::new(skin, side, zoom, &font)?;
     let lines = panels.iter().map(|p| legend(p).count()).max().unwrap_or(0);
@@ -61,8 +62,8 @@ pub fn draw_tracks(
     let widest = labels.map(|l| font.width(l, LABEL_EM)).fold(0.0, f64::max) + SAMPLE + 8.0;
     let page = Page::new(
         &PageSettings {
-            title,
-            note,
+            title: &settings.title,
+            note: &settings.footnote,
             cells: panels.len(),
             columns: Some(panels.len()),
             cell_size: [panel.size[0].max(widest), panel.size[1] + room],
@@ -76,14 +77,14 @@ pub fn draw_tracks(
     for (content, corner) in panels.iter().zip(&page.corners) {
         let corner = [corner[0] + ((widest - panel.size[0]).max(0.0) / 2.0).floor(), corner[1]];
         panel.draw_skin(&mut canvas, corner);
-        for (track, (color, size)) in content.tracks.iter().zip(looks(content)) {
+        for (track, look) in content.tracks.iter().zip(looks(content)) {
             let at = |p: &[f64; 2]| {
                 let [x, y] = panel.to_page(*p);
                 [corner[0] + x, corner[1] + y]
             };
             for way in track.places_m.split(|p| !p.iter().all(|v| v.is_finite())) {
                 let way: Vec<[f64; 2]> = way.iter().map(at).collect();
-                draw_way(&mut canvas, &way, track.is_truth, (color, size));
+                look.draw(&mut canvas, &way);
             }
         }
         draw_legend(&mut canvas, content, [corner[0], corner[1] + panel.size[1]], panel.size[0]);
@@ -96,40 +97,54 @@ fn legend(panel: &TracksPanel) -> impl Iterator<Item = &Track> {
     panel.tracks.iter().filter(|track| !track.name.is_empty())
 }
 
-/// Colour and width of each way: grey for the truth, then one colour after the other.
-fn looks(panel: &TracksPanel) -> Vec<(Rgb, f64)> {
+/// How a way is drawn: a line where it is true, dots on a white rim where it was found.
+#[derive(Clone, Copy)]
+struct Look {
+    color: Rgb,
+    size: f64,
+    is_line: bool,
+}
+
+impl Look {
+    fn draw(self, canvas: &mut Canvas, way: &[[f64; 2]]) {
+        let Self { color, size, is_line } = self;
+        if is_line {
+            canvas.stroke(way, size, color, 1.0);
+            return;
+        }
+        for place in way {
+            canvas.stroke(&[*place], size + 1.0, WHITE, 1.0);
+            canvas.stroke(&[*place], size, color, 1.0);
+        }
+    }
+}
+
+/// Grey for the truth, then one colour after the other.
+fn looks(panel: &TracksPanel) -> Vec<Look> {
     let mut next = COLORS.into_iter().cycle();
     let mut sizes = PLACES.into_iter();
     let of = |track: &Track| match track.is_truth {
-        true => (TRUE, WAY),
-        false => (next.next().unwrap_or(INK), sizes.next().unwrap_or(PLACES[PLACES.len() - 1])),
+        true => Look { color: TRUE, size: WAY, is_line: true },
+        false => Look {
+            color: next.next().unwrap_or(INK),
+            size: sizes.next().unwrap_or(PLACES[PLACES.len() - 1]),
+            is_line: false,
+        },
     };
     panel.tracks.iter().map(of).collect()
-}
-
-fn draw_way(canvas: &mut Canvas, way: &[[f64; 2]], is_truth: bool, (color, size): (Rgb, f64)) {
-    if is_truth {
-        canvas.stroke(way, size, color, 1.0);
-        return;
-    }
-    for place in way {
-        canvas.stroke(&[*place], size + 1.0, WHITE, 1.0);
-        canvas.stroke(&[*place], size, color, 1.0);
-    }
 }
 
 /// What is what, below the skin.
 fn draw_legend(canvas: &mut Canvas, panel: &TracksPanel, [left, top]: [f64; 2], width: f64) {
     let mut y = top + LINE_HEIGHT / 2.0;
-    canvas.text(&panel.label, LABEL_EM, [left + width / 2.0, y], Align::Centre, INK);
+    canvas.text(&panel.label, LABEL_EM, [left + width / 2.0, y], HPos::Center, INK);
     for (track, look) in panel.tracks.iter().zip(looks(panel)) {
         if track.name.is_empty() {
             continue;
         }
         y += LINE_HEIGHT;
-        let sample = [0.0, 0.5, 1.0].map(|part| [left + part * SAMPLE, y]);
-        draw_way(canvas, &sample, track.is_truth, look);
-        canvas.text(&track.name, LABEL_EM, [left + SAMPLE + 8.0, y], Align::Left, INK);
+        look.draw(canvas, &[0.0, 0.5, 1.0].map(|part| [left + part * SAMPLE, y]));
+        canvas.text(&track.name, LABEL_EM, [left + SAMPLE + 8.0, y], HPos::Left, INK);
     }
 }
 
@@ -146,10 +161,14 @@ mod tests {
         Track { name: "way".into(), places_m, is_truth }
     }
 
+    fn small() -> PictureSettings {
+        PictureSettings { zoom: 1, ..Default::default() }
+    }
+
     /// A found place has its colour where it is, and only there; the truth is no colour.
     #[test]
     fn places_are_where_they_were_found() {
-        let draw = |tracks| draw_tracks(&[panel(tracks)], &disc(4), ("", ""), 1).unwrap();
+        let draw = |tracks| draw_tracks(&[panel(tracks)], &disc(4), &small()).unwrap();
         let count = |canvas: &Canvas| {
             canvas.rgb().chunks_exact(3).filter(|pixel| *pixel == COLORS[0]).count()
         };
@@ -162,7 +181,8 @@ mod tests {
 
     #[test]
     fn no_panel_and_no_place_are_pictures() {
-        draw_tracks(&[], &disc(4), ("title", "note"), 1).unwrap();
-        draw_tracks(&[panel(vec![track(false, Vec::new())])], &disc(4), ("", ""), 1).unwrap();
+        let [title, footnote] = ["title", "note"].map(str::to_owned);
+        draw_tracks(&[], &disc(4), &PictureSettings { title, footnote, ..small() }).unwrap();
+        draw_tracks(&[panel(vec![track(false, Vec::new())])], &disc(4), &small()).unwrap();
     }
 }

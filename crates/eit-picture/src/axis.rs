@@ -1,0 +1,145 @@
+//! One axis of a plot: its range and what is written along it.
+
+use std::ops::Range;
+
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+
+use crate::ticks::{Ticks, power_of_ten};
+
+/// Room between the extreme points and the axes, as part of the range.
+const PADDING: f64 = 0.04;
+/// Most ticks along an axis, so that the numbers stand apart.
+const MOST_TICKS: usize = 8;
+/// Most decades of an axis with lines between them.
+const MOST_MINOR: f64 = 6.0;
+
+/// A range and its ticks. Takes the place of plotters' own axes, whose logarithmic one has no ticks within a
+/// decade and whose linear one takes ranges below 2e-16 for empty.
+#[derive(Clone, Debug)]
+pub(crate) struct Axis {
+    log: bool,
+    /// Ends; their logarithms to base ten where the axis is logarithmic.
+    low: f64,
+    high: f64,
+    /// Quantity and unit.
+    pub(crate) name: String,
+    ticks: Vec<f64>,
+    /// What stands at the ticks.
+    pub(crate) labels: Vec<String>,
+    /// Where fainter lines run: 2, 3, ... 9 times the powers of ten.
+    minor: Vec<f64>,
+}
+
+impl Axis {
+    /// An axis over all values, which are finite, and positive if `log`.
+    pub(crate) fn new(values: impl Iterator<Item = f64> + Clone, log: bool, name: &str) -> Self {
+        let transformed = values.map(|v| if log { v.log10() } else { v });
+        let least = transformed.clone().fold(f64::INFINITY, f64::min);
+        let most = transformed.fold(f64::NEG_INFINITY, f64::max);
+        // a single value, or values alike to six digits, still need an axis with ticks
+        let least_span = if log { 0.02 } else { (1e-6 * least.abs().max(most.abs())).max(1e-300) };
+        let missing = (least_span - (most - least)).max(0.0) / 2.0;
+        let padding = PADDING * (most - least + 2.0 * missing);
+        let mut axis = Self {
+            log,
+            low: least - missing - padding,
+            high: most + missing + padding,
+            name: name.to_owned(),
+            ticks: Vec::new(),
+            labels: Vec::new(),
+            minor: Vec::new(),
+        };
+        if log && axis.high - axis.low >= 1.0 {
+            axis.mark_decades();
+        } else {
+            axis.mark_round_values();
+        }
+        axis
+    }
+
+    /// Ticks at powers of ten, at most eight of them.
+    fn mark_decades(&mut self) {
+        let every = (((self.high - self.low) / MOST_TICKS as f64).ceil() as i32).max(1);
+        let decades = self.low.ceil() as i32..=self.high.floor() as i32;
+        for decade in decades.filter(|decade| decade % every == 0) {
+            self.ticks.push(10f64.powi(decade));
+            self.labels.push(power_of_ten(decade));
+        }
+        if self.high - self.low <= MOST_MINOR {
+            let between = |decade: i32| (2..10).map(move |k| f64::from(k) * 10f64.powi(decade));
+            let lines = (self.low.floor() as i32..=self.high.floor() as i32).flat_map(between);
+            self.minor = lines.filter(|at| (self.low..=self.high).contains(&at.log10())).collect();
+        }
+    }
+
+    /// Ticks at round values; beyond thousands and thousandths the name says the power of ten.
+    fn mark_round_values(&mut self) {
+        let ends = self.range();
+        let mut ticks = Ticks::new(ends.start, ends.end, MOST_TICKS);
+        if ticks.exponent.abs() <= 3 {
+            ticks = ticks.labelled(0);
+        } else {
+            self.name += &format!("  ×{}", power_of_ten(ticks.exponent));
+        }
+        self.ticks = ticks.values;
+        self.labels = ticks.labels;
+    }
+}
+
+impl Ranged for Axis {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        let at = if self.log { value.log10() } else { *value };
+        let share = (at - self.low) / (self.high - self.low);
+        limit.0 + (share * f64::from(limit.1 - limit.0)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        if hint.weight().allow_light_points() { self.minor.clone() } else { self.ticks.clone() }
+    }
+
+    fn range(&self) -> Range<f64> {
+        match self.log {
+            true => 10f64.powf(self.low)..10f64.powf(self.high),
+            false => self.low..self.high,
+        }
+    }
+}
+
+impl ValueFormatter<f64> for Axis {
+    fn format_ext(&self, tick: &f64) -> String {
+        let mut labels = self.ticks.iter().zip(&self.labels);
+        labels.find(|(at, _)| *at == tick).map(|(_, label)| label.clone()).unwrap_or_default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_have_ticks_for_any_values() {
+        let pairs = [[1.0, 1.0], [0.0, 0.0], [-3.0, 9e4], [1e300, -1e300], [5e-7, 5.000001e-7]];
+        for pair in pairs {
+            let axis = Axis::new(pair.into_iter(), false, "x");
+            assert!((2..=12).contains(&axis.ticks.len()), "{pair:?}: {:?}", axis.ticks);
+            let places: Vec<i32> = axis.ticks.iter().map(|t| axis.map(t, (0, 1000))).collect();
+            assert!(places.iter().all(|place| (0..=1000).contains(place)), "{axis:?}");
+            assert_eq!(axis.ticks.len(), axis.labels.len());
+            let mut labels = axis.labels.clone();
+            labels.dedup();
+            assert_eq!(labels, axis.labels, "two ticks alike");
+        }
+        for pair in [[1.0, 1.0], [1e-300, 1e300], [2.0, 3.0], [1e-6, 1.5e3]] {
+            let axis = Axis::new(pair.into_iter(), true, "x");
+            assert!((2..=12).contains(&axis.ticks.len()), "{pair:?}: {:?}", axis.ticks);
+        }
+        let decades = Axis::new([1e-2, 1e1].into_iter(), true, "x");
+        assert_eq!(decades.labels, ["10⁻²", "10⁻¹", "10⁰", "10¹"]);
+        assert_eq!(decades.format_ext(&decades.ticks[1]), "10⁻¹");
+        // eight within each decade, and 0.008 and 0.009 within the padding
+        assert_eq!(decades.minor.len(), 3 * 8 + 2, "{decades:?}");
+    }
+}
