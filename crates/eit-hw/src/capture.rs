@@ -133,8 +133,9 @@ pub struct TouchesRecord {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TouchRecord {
-    /// Its name, which it keeps while it lasts.
-    pub name: u64,
+    /// Number that it keeps while it lasts. Earlier recordings call it `name`.
+    #[serde(alias = "name")]
+    pub id: u64,
     /// Position in metres.
     pub position_m: [f64; 3],
     /// Radius in metres.

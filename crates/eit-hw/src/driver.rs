@@ -4,8 +4,8 @@
 //! own, puts frames into protocol order with their quality, and finds a lost instrument again.
 //! Each driver conforms to public sources and none was verified on hardware.
 
+mod diagnosis;
 mod eits1;
-mod heard;
 mod quality;
 mod queue;
 mod replay;
@@ -80,21 +80,21 @@ pub struct RawFrame<'a> {
     pub device_time_s: Option<f64>,
 }
 
-/// What a driver finds in the bytes of an instrument.
+/// What a driver decodes from the bytes of an instrument.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Found<'a> {
-    /// A frame.
+pub enum Decoded<'a> {
+    /// A whole frame.
     Frame(RawFrame<'a>),
-    /// A frame was begun, but is not usable.
-    Cut,
-    /// Bytes that are no message.
+    /// A frame that began, but of which too much is missing or unreadable; it counts as lost.
+    TruncatedFrame,
+    /// Bytes that belong to no valid message.
     Damaged {
         /// How many, where that is known, else 1.
         bytes: u64,
     },
-    /// The instrument says something.
+    /// A text message from the instrument.
     Notice(&'a str),
-    /// The instrument has started anew and forgotten its set-up.
+    /// The instrument has restarted and lost its set-up.
     Restarted,
 }
 
@@ -117,7 +117,7 @@ pub trait Driver: Send {
     fn start(&mut self, link: &mut Link) -> Result<(), HwError>;
 
     /// Takes bytes of the running stream.
-    fn receive(&mut self, bytes: &[u8], on_found: &mut dyn FnMut(Found<'_>));
+    fn receive(&mut self, bytes: &[u8], on_decoded: &mut dyn FnMut(Decoded<'_>));
 
     /// Called at least every 20 ms while the stream runs, for instruments that are asked for each
     /// frame.
@@ -146,9 +146,9 @@ pub fn identify(driver: &mut dyn Driver, endpoint: &crate::Endpoint) -> Result<S
 
 /// [`Driver::connect`], with an error that says what came instead of an answer.
 fn connect(driver: &mut dyn Driver, link: &mut Link) -> Result<Setup, HwError> {
-    link.listen();
-    let setup = driver.connect(link).map_err(|error| heard::explained(error, link));
-    link.heard();
+    link.record_input();
+    let setup = driver.connect(link).map_err(|error| diagnosis::explain(error, link));
+    link.recorded_input();
     setup
 }
 

@@ -15,7 +15,7 @@ pub use check::{
     ElectrodeHealth, Finding, HealthReport, Severity, StreamFacts, Trouble, Verdict, check_health,
 };
 
-pub use live::{Quiet, measure_quiet};
+pub use live::{ReferenceFrames, measure_reference_frames};
 
 use std::collections::HashMap;
 

@@ -59,7 +59,7 @@ pub struct Recording {
 pub enum Layout {
     /// The file does not name electrodes: values are taken to be in the order of the scene's
     /// protocol, and must be as many.
-    AsScene,
+    ProtocolOrder,
     /// The electrodes of each value.
     Quadruples(Vec<Quadruple>),
     /// Potentials of all electrodes against a common ground for each drive: value
@@ -74,10 +74,10 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// How many values it names; [`Layout::AsScene`] fits any number.
+    /// How many values it names; [`Layout::ProtocolOrder`] fits any number.
     pub(crate) fn value_count(&self) -> Option<usize> {
         match self {
-            Self::AsScene => None,
+            Self::ProtocolOrder => None,
             Self::Quadruples(quadruples) => Some(quadruples.len()),
             Self::Potentials { drives, electrodes } => {
                 Some(drives.len().saturating_mul(*electrodes))

@@ -25,7 +25,7 @@ const WRITE_LIMIT: Duration = Duration::from_secs(2);
 const CONNECT_LIMIT: Duration = Duration::from_secs(1);
 const CONNECT_TRIES: usize = 3;
 /// Bytes that are kept of what came while an instrument was set up.
-const MOST_HEARD: usize = 4096;
+const MAX_RECORDED: usize = 4096;
 
 /// Where an instrument is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -91,7 +91,7 @@ pub struct Link {
     /// Waits end when it is set.
     quit: Arc<AtomicBool>,
     /// The last bytes that came, `None` where nobody wants to know.
-    heard: Option<Vec<u8>>,
+    recorded: Option<Vec<u8>>,
 }
 
 impl fmt::Debug for Link {
@@ -116,7 +116,7 @@ impl Link {
             Endpoint::Tcp { address } => tcp(address, &quit),
         };
         match port {
-            Ok(port) => Ok(Self { endpoint: endpoint.clone(), port, quit, heard: None }),
+            Ok(port) => Ok(Self { endpoint: endpoint.clone(), port, quit, recorded: None }),
             Err(source) => {
                 let mend = advice(endpoint, &source);
                 Err(HwError::Open { endpoint: endpoint.to_string(), source, mend })
@@ -125,13 +125,13 @@ impl Link {
     }
 
     /// Keeps what comes from now on, the last 4 KiB of it.
-    pub(crate) fn listen(&mut self) {
-        self.heard = Some(Vec::new());
+    pub(crate) fn record_input(&mut self) {
+        self.recorded = Some(Vec::new());
     }
 
-    /// What has come since [`listen`](Self::listen); no more is kept.
-    pub(crate) fn heard(&mut self) -> Vec<u8> {
-        self.heard.take().unwrap_or_default()
+    /// What has come since [`record_input`](Self::record_input); no more is kept.
+    pub(crate) fn recorded_input(&mut self) -> Vec<u8> {
+        self.recorded.take().unwrap_or_default()
     }
 
     /// Where it leads.
@@ -150,10 +150,10 @@ impl Link {
         match self.port.read(buffer) {
             Ok(0) => Err(self.lost(io::Error::new(ErrorKind::UnexpectedEof, "closed"))),
             Ok(count) => {
-                if let Some(heard) = &mut self.heard {
-                    heard.extend(&buffer[..count]);
-                    let old = heard.len().saturating_sub(MOST_HEARD);
-                    heard.drain(..old);
+                if let Some(recorded) = &mut self.recorded {
+                    recorded.extend(&buffer[..count]);
+                    let old = recorded.len().saturating_sub(MAX_RECORDED);
+                    recorded.drain(..old);
                 }
                 Ok(count)
             }

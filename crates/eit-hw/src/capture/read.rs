@@ -25,7 +25,7 @@ pub struct Damage {
     /// The recording was not finished: its program was killed.
     pub unfinished: bool,
     /// Bytes at the end that are no whole record.
-    pub cut_bytes: usize,
+    pub truncated_bytes: usize,
     /// Chunks whose checksum or content is wrong; their messages are left out.
     pub bad_chunks: usize,
     /// Messages that cannot be read: of another version, or of a topic that was named in a bad
@@ -99,7 +99,7 @@ impl Capture {
         let none = |_| HwError::NoFrames { place: place(), skipped: 0 };
         let table = |values| Array2::from_shape_vec((rows, count), values).map_err(none);
         let layout = match named {
-            0 => Layout::AsScene,
+            0 => Layout::ProtocolOrder,
             _ => Layout::Quadruples(session.quadruples),
         };
         let parts = if complex { Some(table(imaginary)?) } else { None };
@@ -108,9 +108,10 @@ impl Capture {
         recording.quality = Array2::from_shape_vec((rows, count), quality).map_err(none)?;
         let steady = times.len() == rows && times.is_sorted();
         recording.device_time_s = steady.then_some(times);
-        let Damage { bad_chunks: chunks, bad_messages: messages, cut_bytes, .. } = self.damage;
-        if chunks + messages + cut_bytes > 0 {
-            recording.notes.push(Note::Damaged { chunks, messages, cut_bytes });
+        let Damage { bad_chunks: chunks, bad_messages: messages, truncated_bytes, .. } =
+            self.damage;
+        if chunks + messages + truncated_bytes > 0 {
+            recording.notes.push(Note::Damaged { chunks, messages, truncated_bytes });
         }
         recording.current_a = session.current_a;
         recording.frequency_hz = session.frequency_hz;

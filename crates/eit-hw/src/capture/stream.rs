@@ -191,7 +191,7 @@ impl<R: Read> CaptureReader<R> {
         if has_data_end {
             self.damage.unfinished = end != MAGIC;
         } else {
-            self.damage.cut_bytes =
+            self.damage.truncated_bytes =
                 usize::try_from(self.position - self.whole).unwrap_or(usize::MAX);
         }
         Ok(())

@@ -5,7 +5,7 @@ mod meaning;
 use std::time::{Duration, Instant};
 
 use self::meaning::{fill, reason, text, unwrapped};
-use super::{Driver, Found, Identity, Limits, RawFrame, Setup};
+use super::{Decoded, Driver, Identity, Limits, RawFrame, Setup};
 use crate::codec::eits1::{Configuration, Decoder, Event, Information, Kind, Message, encode};
 use crate::error::HwError;
 use crate::frame::{Quadruple, Quality};
@@ -225,32 +225,32 @@ impl Driver for Eits1 {
         self.ask(link, (Kind::Start, &[]), Kind::Acknowledgement, "start").map(|_| ())
     }
 
-    fn receive(&mut self, bytes: &[u8], on_found: &mut dyn FnMut(Found<'_>)) {
+    fn receive(&mut self, bytes: &[u8], on_decoded: &mut dyn FnMut(Decoded<'_>)) {
         let Self { decoder, last, values, imaginary, quality, complex, early, .. } = self;
         let mut on_event = |event: Event<'_>| {
             let message = match event {
                 Event::Damaged { bytes, .. } => {
-                    return on_found(Found::Damaged { bytes: bytes as u64 });
+                    return on_decoded(Decoded::Damaged { bytes: bytes as u64 });
                 }
                 Event::Message(message) => message,
             };
             match message.kind {
                 Kind::Frame => {}
-                Kind::Text => return on_found(Found::Notice(&text(message.payload))),
+                Kind::Text => return on_decoded(Decoded::Notice(&text(message.payload))),
                 // it tells who it is when it starts
-                Kind::Information => return on_found(Found::Restarted),
+                Kind::Information => return on_decoded(Decoded::Restarted),
                 _ => return,
             }
             let size = message.payload.len() as u64;
             let Some(counter) = unwrapped(last, message.sequence) else {
                 // an older frame, or the same again
-                return on_found(Found::Damaged { bytes: size });
+                return on_decoded(Decoded::Damaged { bytes: size });
             };
             if message.measurements() != values.len() || message.is_complex() != *complex {
-                return on_found(Found::Damaged { bytes: size });
+                return on_decoded(Decoded::Damaged { bytes: size });
             }
             fill(&message, values, imaginary, quality);
-            on_found(Found::Frame(RawFrame {
+            on_decoded(Decoded::Frame(RawFrame {
                 values,
                 imaginary,
                 quality,

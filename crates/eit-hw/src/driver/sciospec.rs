@@ -12,7 +12,7 @@ pub use settings::{Gain, PairWidth, Polarity, Range, SciospecSettings};
 use std::time::{Duration, Instant};
 
 use self::frame::Assembly;
-use super::{Driver, Found, Identity, Limits, Setup};
+use super::{Decoded, Driver, Identity, Limits, Setup};
 use crate::codec::sciospec::{
     Code, Decoder, Event, GROUP, Output, TAG_DATA, TAG_DEVICE, TAG_GET_SETUP, TAG_SET_OUTPUT,
     TAG_SET_SETUP, encode,
@@ -212,19 +212,19 @@ impl Driver for Sciospec {
         self.command(link, (TAG_DATA, &[1]), "start").map(|_| ())
     }
 
-    fn receive(&mut self, bytes: &[u8], on_found: &mut dyn FnMut(Found<'_>)) {
+    fn receive(&mut self, bytes: &[u8], on_decoded: &mut dyn FnMut(Decoded<'_>)) {
         let Self { decoder, assembly, early, .. } = self;
         let mut on_event = |event: Event<'_>| match event {
-            Event::Data(data) => assembly.take(&data, on_found),
-            Event::System(Code::Booted | Code::Ready) => on_found(Found::Restarted),
-            Event::System(Code::HoldUp(_)) => on_found(Found::Notice("data was held up")),
+            Event::Data(data) => assembly.take(&data, on_decoded),
+            Event::System(Code::Booted | Code::Ready) => on_decoded(Decoded::Restarted),
+            Event::System(Code::HoldUp(_)) => on_decoded(Decoded::Notice("data was held up")),
             Event::System(code) => {
                 if let Some(failure) = code.failure() {
-                    on_found(Found::Notice(failure));
+                    on_decoded(Decoded::Notice(failure));
                 }
             }
             Event::Other { .. } => {}
-            Event::Skipped { bytes } => on_found(Found::Damaged { bytes }),
+            Event::Skipped { bytes } => on_decoded(Decoded::Damaged { bytes }),
         };
         decoder.push(&std::mem::take(early), &mut on_event);
         decoder.push(bytes, &mut on_event);

@@ -44,21 +44,21 @@ impl Default for SessionSettings {
     }
 }
 
-/// Waits between attempts to find an instrument again: each is twice the last.
+/// Exponential backoff: waits between attempts to reconnect, each twice the one before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Backoff {
     /// The first wait.
-    pub first_s: f64,
-    /// The longest.
-    pub most_s: f64,
-    /// After so long the session ends with the last error; infinite: never.
+    pub initial_s: f64,
+    /// The longest wait.
+    pub max_s: f64,
+    /// Time after which the session ends with the last error; infinite: never.
     pub give_up_s: f64,
 }
 
 impl Default for Backoff {
     /// 0.1 s to 5 s, without end.
     fn default() -> Self {
-        Self { first_s: 0.1, most_s: 5.0, give_up_s: f64::INFINITY }
+        Self { initial_s: 0.1, max_s: 5.0, give_up_s: f64::INFINITY }
     }
 }
 
@@ -84,8 +84,8 @@ impl SessionSettings {
         }
         positive("stall_s", self.stall_s)?;
         let Some(backoff) = self.reconnect else { return Ok(()) };
-        positive("reconnect.first_s", backoff.first_s)?;
-        positive("reconnect.most_s", backoff.most_s)?;
+        positive("reconnect.initial_s", backoff.initial_s)?;
+        positive("reconnect.max_s", backoff.max_s)?;
         positive("reconnect.give_up_s", backoff.give_up_s)
     }
 }

@@ -6,7 +6,7 @@ pub use board::{Board, Step};
 
 use std::time::{Duration, Instant};
 
-use super::{Driver, Found, Identity, Limits, RawFrame, Setup};
+use super::{Decoded, Driver, Identity, Limits, RawFrame, Setup};
 use crate::codec::text::{Decoder, Event};
 use crate::error::HwError;
 use crate::transport::Link;
@@ -54,8 +54,8 @@ impl Text {
         while start.elapsed().as_secs_f64() < self.board.first_frame_s {
             self.idle(link)?;
             let received = link.read(&mut buffer)?;
-            self.receive(&buffer[..received], &mut |found| {
-                whole |= matches!(found, Found::Frame(_));
+            self.receive(&buffer[..received], &mut |decoded| {
+                whole |= matches!(decoded, Decoded::Frame(_));
             });
             if whole {
                 return Ok(());
@@ -105,13 +105,13 @@ impl Driver for Text {
         Ok(())
     }
 
-    fn receive(&mut self, bytes: &[u8], on_found: &mut dyn FnMut(Found<'_>)) {
+    fn receive(&mut self, bytes: &[u8], on_decoded: &mut dyn FnMut(Decoded<'_>)) {
         let asked = &mut self.asked;
         self.decoder.push(bytes, &mut |event| match event {
             Event::Frame { values, imaginary, quality } => {
                 *asked = None;
                 let (counter, device_time_s) = (None, None);
-                on_found(Found::Frame(RawFrame {
+                on_decoded(Decoded::Frame(RawFrame {
                     values,
                     imaginary,
                     quality,
@@ -121,15 +121,15 @@ impl Driver for Text {
             }
             Event::Skipped(_) => {
                 *asked = None;
-                on_found(Found::Cut);
+                on_decoded(Decoded::TruncatedFrame);
             }
             // rows of numbers outside of a frame are its cut rest
             Event::Line(line)
                 if line.starts_with(|c: char| c.is_ascii_alphabetic() || c == '!') =>
             {
-                on_found(Found::Notice(line));
+                on_decoded(Decoded::Notice(line));
             }
-            Event::Line(line) => on_found(Found::Damaged { bytes: line.len() as u64 }),
+            Event::Line(line) => on_decoded(Decoded::Damaged { bytes: line.len() as u64 }),
         });
     }
 

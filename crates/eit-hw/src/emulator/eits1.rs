@@ -51,7 +51,7 @@ impl Eits1Device {
         let rate = wanted.frame_rate_hz > 0.0
             && wanted.frame_rate_hz <= self.information.max_frame_rate_hz;
         if count == 0
-            || count > usize::from(self.information.most_measurements)
+            || count > usize::from(self.information.max_measurements)
             || !wanted.quadruples.iter().flatten().all(electrode)
             || !rate
         {

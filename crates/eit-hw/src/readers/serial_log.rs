@@ -46,7 +46,7 @@ pub fn read(path: &Path, options: &SerialLogOptions) -> Result<Recording, HwErro
 
 /// Frames of a serial log with this content; `path` is for messages.
 ///
-/// The layout is [`Layout::AsScene`].
+/// The layout is [`Layout::ProtocolOrder`].
 ///
 /// # Errors
 /// [`HwError::Empty`], and [`HwError::NoFrames`] where no frame is whole.
@@ -62,7 +62,7 @@ pub fn parse(bytes: &[u8], path: &Path, options: &SerialLogOptions) -> Result<Re
     let count = options.lines_per_frame.saturating_mul(options.values_per_line);
     let real = table::frames(log.values, count, path, log.skipped.frames)?;
     let mut recording =
-        Recording::new(real, None, Layout::AsScene, Unit::Arbitrary, Format::SerialLog, path);
+        Recording::new(real, None, Layout::ProtocolOrder, Unit::Arbitrary, Format::SerialLog, path);
     if let Some(full_scale) = options.full_scale {
         Zip::from(&mut recording.quality).and(&recording.real).for_each(|quality, &value| {
             if value >= full_scale {
@@ -190,7 +190,7 @@ impl Log {
         }
         // only a separator or line end shows that the last number is whole
         let ended = bytes.last().is_some_and(u8::is_ascii_whitespace);
-        (found, (!ended).then_some(SkipReason::CutEnd))
+        (found, (!ended).then_some(SkipReason::TruncatedNumber))
     }
 
     /// Ends the open frame: it is whole, or it is skipped.

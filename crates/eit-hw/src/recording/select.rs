@@ -114,7 +114,7 @@ impl Recording {
     /// The `count` measurements of a protocol, in its order.
     ///
     /// `quadruples` are those of the protocol, `None` if it has general current patterns; only a
-    /// recording with [`Layout::AsScene`](super::Layout::AsScene) fits then. See [`FrameMap`] for
+    /// recording with [`Layout::ProtocolOrder`](super::Layout::ProtocolOrder) fits then. See [`FrameMap`] for
     /// frames that come one by one.
     ///
     /// # Errors

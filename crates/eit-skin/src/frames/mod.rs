@@ -266,7 +266,7 @@ fn read(scene: &Scene, protocol: &Protocol, files: &[PathBuf]) -> Result<Loaded,
         if parts.is_empty() {
             marked_reference = recording.reference_frame;
         }
-        ordered_by_file &= !matches!(recording.layout, Layout::AsScene);
+        ordered_by_file &= !matches!(recording.layout, Layout::ProtocolOrder);
         parts.push(frames);
     }
     let frames = joined(parts)?;
