@@ -21,11 +21,11 @@ pub use health::{
     OrderCandidate, OrderVerdict, ReferenceFrames, measure_reference_frames, model_correlation,
     reciprocity_error, recognise_order,
 };
-pub use readers::{Format, FrameOrientation, ReadOptions, read_recording};
+pub use readers::{ReadOptions, read_recording};
 pub use readers::{csv, goe, khu, lct, npy, sciospec, serial_log};
 pub use recording::{
-    Component, CountHint, FrameMap, Layout, MeasuredFrames, Note, Projection, Recording,
-    SkipReason, Skipped, SkippedFrame, Unit,
+    Component, CountHint, Format, FrameMap, FrameOrientation, Layout, MeasuredFrames, Note,
+    Projection, Recording, SkipReason, Skipped, SkippedFrame, Unit,
 };
 pub use transport::{Endpoint, Link};
 #[cfg(feature = "serial")]

@@ -3,7 +3,8 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::{Event, FrameSource, Setup, Statistics};
+use super::setup::Setup;
+use super::source::{Event, FrameSource, Statistics};
 use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
 use crate::recording::{FrameMap, Projection};
@@ -60,7 +61,7 @@ impl Replay {
         quadruples: Option<&[Quadruple]>,
         pace: Pace,
     ) -> Result<Self, HwError> {
-        use super::{Identity, Limits};
+        use super::setup::{Identity, Limits};
         use crate::capture::{CaptureReader, Entry};
         use crate::recording::{Layout, Unit};
         // what comes before the first frame, and how many values it has

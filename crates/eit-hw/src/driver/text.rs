@@ -6,7 +6,9 @@ pub use board::{Board, Step};
 
 use std::time::{Duration, Instant};
 
-use super::{Decoded, Driver, Identity, Limits, RawFrame, Setup};
+use super::decoded::{Decoded, RawFrame};
+use super::interface::Driver;
+use super::setup::{Identity, Limits, Setup};
 use crate::codec::text::{Decoder, Event};
 use crate::error::HwError;
 use crate::transport::Link;
@@ -14,6 +16,34 @@ use crate::transport::Link;
 /// An answer to a step must come within this.
 const ANSWER_LIMIT: Duration = Duration::from_millis(1500);
 const ATTEMPTS: u32 = 3;
+
+impl Board {
+    /// The driver of this board.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] where the format cannot be, or does not have as many values as the
+    /// layout.
+    pub fn driver(self) -> Result<Box<dyn Driver>, HwError> {
+        let count = self.format.measurements();
+        if let Some(found) = self.layout.value_count().filter(|&found| found != count) {
+            return Err(HwError::Setting {
+                name: "measurements of the layout",
+                value: found.to_string(),
+                wanted: "as many as a frame of the format has",
+            });
+        }
+        if !(self.first_frame_s > 0.0 && self.first_frame_s <= 3600.0) {
+            let value = self.first_frame_s.to_string();
+            return Err(HwError::Setting {
+                name: "first_frame_s",
+                value,
+                wanted: "above 0, to 3600",
+            });
+        }
+        let decoder = Decoder::new(self.format.clone())?;
+        Ok(Box::new(Text { board: self, decoder, asked: None }))
+    }
+}
 
 struct Text {
     board: Board,

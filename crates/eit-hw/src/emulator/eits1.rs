@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Device, Pace, ValueSource};
+use super::device::{Device, Pace, ValueSource};
 use crate::codec::eits1::{
     Configuration, Decoder, Event, Information, Kind, Message, Refusal, encode, flags,
 };

@@ -4,11 +4,11 @@ use std::time::{Duration, Instant};
 
 use ndarray::Array2;
 
-use super::{HealthReport, StreamFacts, check_health};
+use super::check::{HealthReport, StreamFacts, check_health};
 use crate::driver::{Event, FrameSource};
 use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
-use crate::recording::MeasuredFrames;
+use crate::recording::{MeasuredFrames, Unit};
 
 /// Frames of the untouched skin, and what happened while they were measured.
 #[derive(Clone, Debug)]
@@ -68,7 +68,7 @@ pub fn measure_reference_frames(
 }
 
 /// The frames as those of a recording.
-fn measured(frames: &[Frame], unit: crate::Unit) -> MeasuredFrames {
+fn measured(frames: &[Frame], unit: Unit) -> MeasuredFrames {
     // all of one source have as many values
     let shape = (frames.len(), frames.first().map_or(0, |frame| frame.values.len()));
     let value = |(row, column): (usize, usize)| frames[row].values.get(column).copied();

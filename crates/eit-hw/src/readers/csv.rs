@@ -7,10 +7,11 @@
 
 use std::path::Path;
 
-pub use super::FrameOrientation;
-use super::{Format, file_bytes, table, text};
+use super::files::file_bytes;
+use super::{table, text};
 use crate::error::{HwError, Place};
-use crate::recording::{Layout, Note, Recording, Unit};
+pub use crate::recording::FrameOrientation;
+use crate::recording::{Format, Layout, Note, Recording, Unit};
 
 /// How a CSV file is laid out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

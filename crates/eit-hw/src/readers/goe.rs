@@ -9,9 +9,10 @@
 
 use std::path::Path;
 
-use super::{Format, file_bytes, table};
+use super::files::file_bytes;
+use super::table;
 use crate::error::{At, HwError, Place};
-use crate::recording::{Layout, Note, Recording, SkipReason, Skipped, Unit};
+use crate::recording::{Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
 
 const ELECTRODES: usize = 16;
 /// Measured pairs of a drive: those without a driven electrode.

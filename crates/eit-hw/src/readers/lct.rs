@@ -7,9 +7,10 @@
 
 use std::path::Path;
 
-use super::{Format, file_bytes, table, text};
+use super::files::file_bytes;
+use super::{table, text};
 use crate::error::{HwError, Place, shortened};
-use crate::recording::{Layout, Note, Recording, Unit};
+use crate::recording::{Format, Layout, Note, Recording, Unit};
 
 const MEND: &str = "export the file anew";
 

@@ -7,9 +7,10 @@ use std::path::Path;
 
 use ndarray::{Array2, ShapeBuilder};
 
-use super::{Format, FrameOrientation, file_bytes, table};
+use super::files::file_bytes;
+use super::table;
 use crate::error::{HwError, Place, shortened};
-use crate::recording::{Layout, Note, Recording, Unit};
+use crate::recording::{Format, FrameOrientation, Layout, Note, Recording, Unit};
 
 /// First bytes of every `.npy` file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";

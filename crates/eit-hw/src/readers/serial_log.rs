@@ -13,10 +13,11 @@ use std::path::Path;
 
 use ndarray::Zip;
 
-use super::{Format, file_bytes, table, text};
+use super::files::file_bytes;
+use super::{table, text};
 use crate::error::{At, HwError, Place};
 use crate::frame::Quality;
-use crate::recording::{Layout, Note, Recording, SkipReason, Skipped, Unit};
+use crate::recording::{Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
 
 /// How a serial log is laid out.
 #[derive(Clone, Copy, Debug, PartialEq)]

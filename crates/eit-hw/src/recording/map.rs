@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use super::{CountHint, Layout};
+use super::hint::CountHint;
+use super::layout::Layout;
 use crate::error::{HwError, Place};
-use crate::frame::{Quadruple, Quality};
-use crate::health::unsigned;
+use crate::frame::{Quadruple, Quality, unsigned};
 
 /// Which real number a [`FrameMap`] takes of a complex value z = x + i y; that of a real one is x
 /// by every projection but `Imaginary` (which it does not have) and `Magnitude` (|x|).

@@ -4,7 +4,10 @@ use std::ops::Range;
 
 use ndarray::{Array2, CowArray, Ix2};
 
-use super::{CountHint, FrameMap, Projection, Recording, Unit};
+use super::file::Recording;
+use super::hint::CountHint;
+use super::layout::Unit;
+use super::map::{FrameMap, Projection};
 use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
 

@@ -1,6 +1,6 @@
 //! Lines to frames.
 
-use super::{Framing, MAX_LINE_BYTES, TextFormat};
+use super::format::{Framing, MAX_LINE_BYTES, TextFormat};
 use crate::error::HwError;
 use crate::frame::Quality;
 

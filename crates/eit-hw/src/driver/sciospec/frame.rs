@@ -1,8 +1,8 @@
 //! Data frames of 16 channels put together to frames of the protocol.
 
-use super::{Polarity, SciospecSettings, groups};
+use super::settings::{Polarity, SciospecSettings};
 use crate::codec::sciospec::{DataFrame, GROUP};
-use crate::driver::{Decoded, RawFrame};
+use crate::driver::decoded::{Decoded, RawFrame};
 use crate::frame::Quality;
 
 /// The share of drives that must agree on the polarity.
@@ -171,4 +171,9 @@ impl Assembly {
             None
         }
     }
+}
+
+/// Groups of 16 channels that hold the electrodes.
+pub(super) fn groups(electrodes: u32) -> usize {
+    (electrodes as usize).div_ceil(GROUP)
 }

@@ -4,10 +4,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use super::settings::SessionSettings;
 use super::stream::Stream;
-use super::{Event, SessionSettings};
+use crate::driver::decoded::Decoded;
+use crate::driver::interface::{Driver, connect};
 use crate::driver::queue::Queue;
-use crate::driver::{Decoded, Driver, Identity};
+use crate::driver::setup::Identity;
+use crate::driver::source::Event;
 use crate::error::HwError;
 use crate::transport::{Endpoint, Link};
 
@@ -135,7 +138,7 @@ impl Reader {
 
     fn attempt(&mut self) -> Result<Link, HwError> {
         let mut link = Link::open_until(&self.endpoint, Arc::clone(&self.quit))?;
-        let setup = crate::driver::connect(&mut *self.driver, &mut link)?;
+        let setup = connect(&mut *self.driver, &mut link)?;
         if setup.identity != self.identity {
             return Err(HwError::Identity {
                 endpoint: self.endpoint.to_string(),
