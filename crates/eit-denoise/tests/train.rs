@@ -18,7 +18,8 @@ use std::path::Path;
 fn error_by_definition(
     shape: UnetShape,
     parameters: &[f64],
-    (frames, wanted): (&Array3<f64>, &Array2<f64>),
+    frames: &Array3<f64>,
+    wanted: &Array2<f64>,
     mask: &Array2<bool>,
 ) -> f64 {
     let mut planes: Vec<Array2<f64>> = frames.outer_iter().map(|f| f.to_owned()).collect();
@@ -78,7 +79,7 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
         let factors = factors(&pairs, &scales, &shard.mask);
         let error_of = |parameters: &[f64]| {
             let one = |((frames, wanted), factor): (&(Array3<f64>, Array2<f64>), &f64)| {
-                factor * error_by_definition(shape, parameters, (frames, wanted), &shard.mask)
+                factor * error_by_definition(shape, parameters, frames, wanted, &shard.mask)
             };
             pairs.iter().zip(&factors).map(one).sum::<f64>() / 3.0
         };
