@@ -9,11 +9,11 @@ mod adam;
 mod checkpoint;
 mod engine;
 mod examples;
-mod turn;
+mod raster_symmetry;
 
 pub use engine::{Engine, Stepper};
 pub use examples::Examples;
-pub use turn::PixelTurn;
+pub use raster_symmetry::RasterSymmetry;
 
 use crate::{DenoiseError, UnetShape, Weights};
 use adam::Adam;

@@ -5,14 +5,14 @@ use crate::frames::Frames;
 use crate::pipeline::noise::DataNoise;
 use crate::pipeline::{self, Linearised, Setup};
 use crate::scene::Scene;
-use eit_denoise::{Evidence, Misfit};
+use eit_denoise::{DataConsistency, DataMisfit};
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView1, ArrayView2};
 use serde_json::{Value, json};
 
 /// The measurements behind a sequence of images.
 pub struct Check {
-    evidence: Evidence,
+    evidence: DataConsistency,
     /// NaN where a value is missing.
     differences: Array2<f64>,
 }
@@ -40,7 +40,7 @@ impl Check {
         &mut self,
         frame: usize,
         image: ArrayView2<'_, f64>,
-    ) -> Result<Misfit, SkinError> {
+    ) -> Result<DataMisfit, SkinError> {
         let row = self.differences.row(frame).to_vec();
         Ok(self.evidence.misfit(image, &row)?)
     }
@@ -51,7 +51,7 @@ pub fn evidence(
     scene: &Scene,
     (setup, linearised, raster): (&Setup, &Linearised, &Raster),
     (frames, gain): (&Frames, f64),
-) -> Result<Evidence, SkinError> {
+) -> Result<DataConsistency, SkinError> {
     let kind = scene.difference_kind(&setup.protocol);
     let data = pipeline::difference_data(kind, linearised);
     let noise = match pipeline::noise::known(scene, frames, (&data, gain))? {
@@ -64,7 +64,7 @@ pub fn evidence(
     let used = noise.std.iter().zip(&frames.used);
     let std: Vec<f64> = used.map(|(std, used)| if *used { *std } else { f64::INFINITY }).collect();
     let jacobian = pipeline::tv::pixel_jacobian(linearised, raster, kind, &frames.used)?;
-    Ok(Evidence::new(jacobian.view(), &std, raster.mask().view())?)
+    Ok(DataConsistency::new(jacobian.view(), &std, raster.mask().view())?)
 }
 
 /// Frames whose denoised image was put aside.

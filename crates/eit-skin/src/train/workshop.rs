@@ -8,7 +8,7 @@ use crate::error::SkinError;
 use crate::pipeline::{self, Setup};
 use crate::progress::Progress;
 use crate::scene::{Direction, OneOrMany, Scene, Shape};
-use eit_denoise::{DiscSymmetry, MeasurementOrder, PixelTurn, Shard, ShardData};
+use eit_denoise::{DiscSymmetry, MeasurementOrder, RasterSymmetry, Shard, ShardData};
 use ndarray::{Array1, Array2};
 
 /// Meshes and settings that all sequences share.
@@ -66,10 +66,10 @@ impl<'a> Workshop<'a> {
     }
 
     /// The symmetries that take pixels to pixels.
-    pub fn turns(&self) -> Vec<PixelTurn> {
+    pub fn turns(&self) -> Vec<RasterSymmetry> {
         let bench = &self.bench;
         let matrices = bench.symmetries.iter().map(|(symmetry, _)| bench.matrix(*symmetry));
-        matrices.filter_map(PixelTurn::of_matrix).collect()
+        matrices.filter_map(RasterSymmetry::of_matrix).collect()
     }
 
     /// The model behind the images, [measurement, masked pixel].
