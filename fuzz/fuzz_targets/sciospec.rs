@@ -3,7 +3,7 @@
 #![no_main]
 
 use eit_hw::codec::sciospec::{Decoder, Event, Output};
-use eit_hw::driver::{Driver, Found, Sciospec, SciospecSettings};
+use eit_hw::driver::{Driver, Decoded, Sciospec, SciospecSettings};
 use libfuzzer_sys::fuzz_target;
 
 fn events(mut decoder: Decoder, pieces: &[&[u8]]) -> Vec<String> {
@@ -34,8 +34,8 @@ fuzz_target!(|data: &[u8]| {
     let quadruples = [[0, 1, 2, 3], [1, 2, 3, 4]];
     let settings = SciospecSettings::for_quadruples(20, &quadruples);
     let Ok(mut driver) = Sciospec::new(settings) else { return };
-    driver.receive(data, &mut |found| {
-        if let Found::Frame(frame) = found {
+    driver.receive(data, &mut |decoded| {
+        if let Decoded::Frame(frame) = decoded {
             assert_eq!((frame.values.len(), frame.quality.len()), (40, 40));
         }
     });

@@ -238,7 +238,7 @@ fn a_full_disk_ends_the_recording_and_leaves_it_readable() {
     let capture = eit_hw::capture::read(&out).unwrap();
     let frames = capture.frames().count();
     // cut to its last whole chunk
-    assert!(frames > 0 && capture.damage.cut_bytes == 0 && capture.damage.bad_chunks == 0);
+    assert!(frames > 0 && capture.damage.truncated_bytes == 0 && capture.damage.bad_chunks == 0);
     assert!(said.contains(&format!("holds {frames} frames; ")), "{said}");
 }
 

@@ -43,10 +43,10 @@ impl ThresholdRule {
         let mut inner = mask.to_owned();
         for _ in 0..self.ring_pixels {
             let before = inner.clone();
-            inner = Array2::from_shape_fn((rows, columns), |place| {
+            inner = Array2::from_shape_fn((rows, columns), |(row, column)| {
+                let around = neighbours([row, column], [rows, columns]);
                 // beyond the raster is outside
-                before[place]
-                    && neighbours(place, (rows, columns)).filter(|p| before[*p]).count() == 8
+                before[[row, column]] && around.filter(|pixel| before[*pixel]).count() == 8
             });
         }
         if !inner.iter().any(|&inside| inside) {
@@ -61,15 +61,15 @@ impl ThresholdRule {
     }
 }
 
-/// Up to eight neighbours of a pixel.
+/// Up to eight neighbours of the pixel [row, column] of a raster [rows, columns].
 fn neighbours(
-    (row, column): (usize, usize),
-    (rows, columns): (usize, usize),
-) -> impl Iterator<Item = (usize, usize)> {
+    [row, column]: [usize; 2],
+    [rows, columns]: [usize; 2],
+) -> impl Iterator<Item = [usize; 2]> {
     let around = |at: usize, most: usize| at.saturating_sub(1)..(at + 2).min(most);
     around(row, rows)
-        .flat_map(move |r| around(column, columns).map(move |c| (r, c)))
-        .filter(move |place| *place != (row, column))
+        .flat_map(move |r| around(column, columns).map(move |c| [r, c]))
+        .filter(move |pixel| *pixel != [row, column])
 }
 
 /// A [`ThresholdRule`] on a skin, with its memory.
@@ -77,7 +77,7 @@ fn neighbours(
 pub struct Threshold {
     rule: ThresholdRule,
     inner: Array2<bool>,
-    blob: Vec<(usize, usize)>,
+    blob: Vec<[usize; 2]>,
     seen: Array2<bool>,
 }
 
@@ -110,9 +110,10 @@ impl Threshold {
         let level = self.rule.share * most;
         // where nothing rises, nothing is above zero
         let inner = &self.inner;
-        let is_kept = |place: (usize, usize)| inner[place] && image[place] > level.max(0.0);
+        let is_kept = |pixel: [usize; 2]| inner[pixel] && image[pixel] > level.max(0.0);
         self.seen.fill(false);
-        for start in ndarray::indices(self.inner.dim()) {
+        for (row, column) in ndarray::indices(self.inner.dim()) {
+            let start = [row, column];
             if self.seen[start] || !is_kept(start) {
                 continue;
             }
@@ -121,9 +122,9 @@ impl Threshold {
             self.blob.push(start);
             self.seen[start] = true;
             let mut next = 0;
-            while let Some(&place) = self.blob.get(next) {
+            while let Some(&pixel) = self.blob.get(next) {
                 next += 1;
-                for near in neighbours(place, self.inner.dim()) {
+                for near in neighbours(pixel, size) {
                     if !self.seen[near] && is_kept(near) {
                         self.seen[near] = true;
                         self.blob.push(near);
@@ -131,8 +132,8 @@ impl Threshold {
                 }
             }
             if self.blob.len() >= self.rule.least_pixels {
-                for &place in &self.blob {
-                    out[place] = image[place];
+                for &pixel in &self.blob {
+                    out[pixel] = image[pixel];
                 }
             }
         }

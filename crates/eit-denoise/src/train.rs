@@ -9,11 +9,11 @@ mod adam;
 mod checkpoint;
 mod engine;
 mod examples;
-mod turn;
+mod raster_symmetry;
 
 pub use engine::{Engine, Stepper};
 pub use examples::Examples;
-pub use turn::PixelTurn;
+pub use raster_symmetry::RasterSymmetry;
 
 use crate::{DenoiseError, UnetShape, Weights};
 use adam::Adam;
@@ -205,7 +205,7 @@ impl Trainer {
         let epoch = self.curve.len();
         let part = epoch as f64 / epochs.saturating_sub(1).max(1) as f64;
         let rate = rate * (0.01 + 0.99 * 0.5 * (1.0 + (std::f64::consts::PI * part).cos()));
-        let order = shuffled((train.len(), train.turns()), seed, epoch);
+        let order = shuffled(train, seed, epoch);
         let (mut parameters, mut adam) = (self.parameters.clone(), self.adam.clone());
         let (mut sum, count) = (0.0, order.len().div_ceil(batch));
         let warm_up = WARM_UP.min(count as f64);
@@ -263,7 +263,8 @@ fn first_parameters(settings: &TrainSettings) -> Vec<f32> {
 
 /// The order of an epoch (Fisher and Yates), each example in a turn of its own: as
 /// [`Examples::get`] counts.
-fn shuffled((count, turns): (usize, usize), seed: u64, epoch: usize) -> Vec<usize> {
+fn shuffled(examples: &Examples, seed: u64, epoch: usize) -> Vec<usize> {
+    let (count, turns) = (examples.len(), examples.turns());
     let mut random = Pcg64::new(u128::from(seed), 1 + epoch as u128);
     let mut below = |count: usize| {
         let unit: f64 = StandardUniform.sample(&mut random);

@@ -82,7 +82,7 @@ fn a_stepper_refuses_what_does_not_fit() {
 mod burn {
     use super::*;
     use common::{convolutions, disc, touched};
-    use eit_denoise::{Denoiser, Epoch, ImageStack, PixelTurn, Shard, TrainStatus};
+    use eit_denoise::{Denoiser, Epoch, ImageStack, RasterSymmetry, Shard, TrainStatus};
     use ndarray::Array3;
 
     /// One size that halving divides, and one that it does not.
@@ -185,9 +185,9 @@ mod burn {
     /// `f32`; 1e-5 leaves room for other processors.
     #[test]
     fn learns_as_we_do_and_goes_on_from_our_checkpoint() {
-        let half = PixelTurn::of_matrix([[-1.0, 0.0], [0.0, -1.0]]).unwrap();
-        let turns = [PixelTurn::default(), half];
-        let examples = Examples::new(&[shard(12, 16)], 2).unwrap().turned(&turns).unwrap();
+        let half = RasterSymmetry::of_matrix([[-1.0, 0.0], [0.0, -1.0]]).unwrap();
+        let turns = [RasterSymmetry::default(), half];
+        let examples = Examples::new(&[shard(12, 16)], 2).unwrap().augmented(&turns).unwrap();
         // two channels alone may be dead from the start
         let shape = UnetShape { width: 6, ..SHAPE };
         let settings = TrainSettings { shape, ..settings() };

@@ -6,8 +6,8 @@ mod common;
 
 use common::{convolutions, direct, disc, shard, uniform, weights};
 use eit_denoise::{
-    BaseSettings, DenoiseError, Denoiser, Engine, Examples, ImageStack, LearningBase, PixelTurn,
-    Shard, TrainSettings, TrainStatus, Trainer, UnetShape,
+    BaseSettings, DenoiseError, Denoiser, Engine, Examples, ImageStack, LearningBase,
+    RasterSymmetry, Shard, TrainSettings, TrainStatus, Trainer, UnetShape,
 };
 use ndarray::{Array2, Array3, Axis};
 use std::collections::BTreeMap;
@@ -18,7 +18,8 @@ use std::path::Path;
 fn error_by_definition(
     shape: UnetShape,
     parameters: &[f64],
-    (frames, wanted): (&Array3<f64>, &Array2<f64>),
+    frames: &Array3<f64>,
+    wanted: &Array2<f64>,
     mask: &Array2<bool>,
 ) -> f64 {
     let mut planes: Vec<Array2<f64>> = frames.outer_iter().map(|f| f.to_owned()).collect();
@@ -78,7 +79,7 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
         let factors = factors(&pairs, &scales, &shard.mask);
         let error_of = |parameters: &[f64]| {
             let one = |((frames, wanted), factor): (&(Array3<f64>, Array2<f64>), &f64)| {
-                factor * error_by_definition(shape, parameters, (frames, wanted), &shard.mask)
+                factor * error_by_definition(shape, parameters, frames, wanted, &shard.mask)
             };
             pairs.iter().zip(&factors).map(one).sum::<f64>() / 3.0
         };
@@ -193,7 +194,7 @@ fn quiet_frames_are_passed_over() {
 fn turned_examples_teach_the_other_sides_of_the_skin() {
     let shape = UnetShape { history: 1, width: 6, depth: 2 };
     let settings = TrainSettings { shape, epochs: 150, rate: 5e-3, ..settings() };
-    let half = PixelTurn::of_matrix([[-1.0, 0.0], [0.0, -1.0]]).unwrap();
+    let half = RasterSymmetry::of_matrix([[-1.0, 0.0], [0.0, -1.0]]).unwrap();
     let seen = shard(12, 16);
     let mut other = seen.clone();
     for images in [&mut other.raw, &mut other.wanted] {
@@ -201,15 +202,16 @@ fn turned_examples_teach_the_other_sides_of_the_skin() {
         images.invert_axis(Axis(2));
     }
     let unseen = Examples::new(&[other], 1).unwrap();
-    let error = |turns: &[PixelTurn]| {
-        let train = Examples::new(std::slice::from_ref(&seen), 1).unwrap().turned(turns).unwrap();
+    let error = |turns: &[RasterSymmetry]| {
+        let train =
+            Examples::new(std::slice::from_ref(&seen), 1).unwrap().augmented(turns).unwrap();
         let mut trainer = Trainer::new(&settings, "base").unwrap();
         while trainer.status() == TrainStatus::Running {
             trainer.epoch(&train, &unseen, 2, &mut go_on).unwrap();
         }
         trainer.curve().last().unwrap().held_out_error
     };
-    let (plain, turned) = (error(&[]), error(&[PixelTurn::default(), half]));
+    let (plain, turned) = (error(&[]), error(&[RasterSymmetry::default(), half]));
     assert!(turned < 0.2 * plain, "{turned} {plain}");
 }
 
@@ -218,9 +220,9 @@ fn a_resumed_training_ends_with_the_bits_of_an_uninterrupted_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("checkpoint.safetensors");
     let (train, held_out) = (shard(10, 16), shard(3, 16));
-    let quarter = PixelTurn::of_matrix([[0.0, -1.0], [1.0, 0.0]]).unwrap();
-    let turns = [PixelTurn::default(), quarter];
-    let train = Examples::new(&[train], 2).unwrap().turned(&turns).unwrap();
+    let quarter = RasterSymmetry::of_matrix([[0.0, -1.0], [1.0, 0.0]]).unwrap();
+    let turns = [RasterSymmetry::default(), quarter];
+    let train = Examples::new(&[train], 2).unwrap().augmented(&turns).unwrap();
     let held_out = Examples::new(&[held_out], 2).unwrap();
     let settings = settings();
     let finish = |mut trainer: Trainer, threads: usize| {

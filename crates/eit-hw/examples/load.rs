@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 use eit_hw::codec::eits1::{Information, Kind, Message, encode, flags};
 use eit_hw::driver::{
-    Driver, Eits1, Event, Found, FrameSource, Overflow, Pace, Replay, Session, SessionSettings,
+    Decoded, Driver, Eits1, Event, FrameSource, Overflow, Pace, Replay, Session, SessionSettings,
     Statistics,
 };
 use eit_hw::emulator::{Eits1Device, Emulator, FaultPlan, Listen};
@@ -72,7 +72,7 @@ fn quadruples() -> Vec<Quadruple> {
 fn emulator(folder: &std::path::Path) -> Emulator {
     let information = Information {
         electrodes: 16,
-        most_measurements: 256,
+        max_measurements: 256,
         max_frame_rate_hz: 2.0 * RATE_HZ,
         full_scale: f32::INFINITY,
         unit: Unit::Volt,
@@ -190,7 +190,9 @@ pub fn day_through_driver(count: u32) -> (u64, f64, [f64; 2]) {
             payload: &payload,
         };
         encode(&message, &mut wire).unwrap();
-        driver.receive(&wire, &mut |found| frames += u64::from(matches!(found, Found::Frame(_))));
+        driver.receive(&wire, &mut |decoded| {
+            frames += u64::from(matches!(decoded, Decoded::Frame(_)))
+        });
         if sequence == count / 10 {
             early_mb = memory_mb();
         }
@@ -225,7 +227,7 @@ pub fn day_through_replay(count: u64) -> (u64, f64, [f64; 2]) {
     });
     let mut wanted = emulated;
     wanted.reverse();
-    let mut replay = Replay::of_frames(setup, frames, Some(&wanted), Pace::AsAsked).unwrap();
+    let mut replay = Replay::of_frames(setup, frames, Some(&wanted), Pace::OnDemand).unwrap();
     let (start, mut taken, mut early_mb) = (Instant::now(), 0, 0.0);
     while let Some(event) = replay.next_event(Duration::ZERO).unwrap() {
         if let Event::Frame(frame) = event {

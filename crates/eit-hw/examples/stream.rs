@@ -41,7 +41,7 @@ fn quadruples() -> Vec<Quadruple> {
 fn skin() -> Result<Emulator, Box<dyn Error>> {
     let information = Information {
         electrodes: ELECTRODES as u16,
-        most_measurements: 256,
+        max_measurements: 256,
         max_frame_rate_hz: 1000.0,
         full_scale: 1.0,
         unit: Unit::Volt,

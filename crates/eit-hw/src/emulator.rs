@@ -6,12 +6,14 @@
 //! after a [`FaultPlan`]. A pseudo-terminal is not as slow as a serial line: only frames are paced.
 
 mod boards;
+mod device;
 mod eits1;
 mod fault;
 mod port;
 mod sciospec;
 
 pub use boards::BoardDevice;
+pub use device::{Device, ValueSource};
 pub use eits1::Eits1Device;
 pub use fault::FaultPlan;
 pub use port::Listen;
@@ -25,27 +27,10 @@ use std::time::{Duration, Instant};
 use self::fault::Faults;
 use self::port::Host;
 use crate::error::HwError;
-use crate::frame::Quadruple;
 use crate::transport::Endpoint;
 
 /// Bytes that wait for a host that does not read; more are lost, as on a line without flow control.
 const MOST_PENDING: usize = 1 << 20;
-
-/// Gives the values of a frame: its number, the quadruples, the values to fill (real and imaginary
-/// parts alternating where the device is complex).
-pub type ValueSource = Box<dyn FnMut(u64, &[Quadruple], &mut [f64]) + Send>;
-
-/// One protocol from the instrument's side. Times are since the emulator has started.
-pub trait Device: Send {
-    /// Takes bytes of the host and appends the answers to `out`.
-    fn receive(&mut self, bytes: &[u8], now: Duration, out: &mut Vec<u8>);
-
-    /// Appends what is due.
-    fn poll(&mut self, now: Duration, out: &mut Vec<u8>);
-
-    /// It was unplugged, or has lost power, and forgets its set-up.
-    fn power_cycle(&mut self);
-}
 
 /// What an emulator has done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -191,34 +176,5 @@ fn sleep(time: Duration, quit: &AtomicBool) {
     let start = Instant::now();
     while start.elapsed() < time && !quit.load(Ordering::Relaxed) {
         std::thread::sleep(Duration::from_millis(2));
-    }
-}
-
-/// When frames are due.
-#[derive(Clone, Debug)]
-struct Pace {
-    period: Duration,
-    next: Duration,
-}
-
-impl Pace {
-    /// `frame_rate_hz` is taken to be at least one frame in an hour and at most 100 000 a second.
-    fn new(frame_rate_hz: f64, now: Duration) -> Self {
-        let period_s = (1.0 / frame_rate_hz).clamp(1e-5, 3600.0);
-        Self { period: Duration::from_secs_f64(period_s), next: now }
-    }
-
-    /// When a frame is due that is; the next one is a period later. Several may be due at once.
-    fn due(&mut self, now: Duration) -> Option<Duration> {
-        if now < self.next {
-            return None;
-        }
-        let due = self.next;
-        self.next += self.period;
-        // a computer that slept does not send all at once
-        if self.next + Duration::from_secs(1) < now {
-            self.next = now;
-        }
-        Some(due)
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use crate::recording::CountHint;
+use crate::recording::hint::CountHint;
 
 /// Where in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,6 +7,12 @@ use std::ops::{BitOr, BitOrAssign};
 /// it at `b`; value = potential at `m` minus potential at `n`.
 pub type Quadruple = [u32; 4];
 
+/// The quadruple with `a < b` and `m < n`, and the sign that this gives its value.
+pub(crate) fn unsigned([a, b, m, n]: Quadruple) -> (Quadruple, f64) {
+    let sign = if (a > b) == (m > n) { 1.0 } else { -1.0 };
+    ([a.min(b), a.max(b), m.min(n), m.max(n)], sign)
+}
+
 /// One full set of measurements, in the order of the scene's protocol.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {

@@ -18,14 +18,14 @@ pub use health::{
     ElectrodeHealth, Finding, HealthReport, Severity, StreamFacts, Trouble, Verdict, check_health,
 };
 pub use health::{
-    OrderCandidate, OrderVerdict, Quiet, measure_quiet, model_correlation, reciprocity_error,
-    recognise_order,
+    OrderCandidate, OrderVerdict, ReferenceFrames, measure_reference_frames, model_correlation,
+    reciprocity_error, recognise_order,
 };
-pub use readers::{Format, FrameOrientation, ReadOptions, read_recording};
+pub use readers::{ReadOptions, read_recording};
 pub use readers::{csv, goe, khu, lct, npy, sciospec, serial_log};
 pub use recording::{
-    Component, CountHint, FrameMap, Layout, MeasuredFrames, Note, Projection, Recording,
-    SkipReason, Skipped, SkippedFrame, Unit,
+    Component, CountHint, Format, FrameMap, FrameOrientation, Layout, MeasuredFrames, Note,
+    Projection, Recording, SkipReason, Skipped, SkippedFrame, Unit,
 };
 pub use transport::{Endpoint, Link};
 #[cfg(feature = "serial")]

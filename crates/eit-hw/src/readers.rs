@@ -11,103 +11,16 @@ pub mod npy;
 pub mod sciospec;
 pub mod serial_log;
 
+mod files;
 mod recognise;
 mod table;
 mod text;
 
-use std::fmt;
-use std::fs;
 use std::path::Path;
-use std::str::FromStr;
 
-use crate::error::{HwError, Place, shortened};
-use crate::recording::{Note, Recording};
-
-/// A format of recorded files.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Format {
-    /// Numbers as text, see [`csv`].
-    Csv,
-    /// NumPy array, see [`npy`].
-    Npy,
-    /// Sciospec `.eit` text frames, see [`sciospec`].
-    Sciospec,
-    /// Goe-MF II `.get`, see [`goe`].
-    Goe,
-    /// LCT text of Manchester, see [`lct`].
-    Lct,
-    /// KHU Mark2.5 scans, see [`khu`].
-    Khu,
-    /// Raw serial log of lines of decimals, see [`serial_log`].
-    SerialLog,
-    /// Recording of a live instrument in MCAP; read with the feature `mcap`.
-    Mcap,
-}
-
-impl Format {
-    /// Every format.
-    pub const ALL: [Self; 8] = [
-        Self::Csv,
-        Self::Npy,
-        Self::Sciospec,
-        Self::Goe,
-        Self::Lct,
-        Self::Khu,
-        Self::SerialLog,
-        Self::Mcap,
-    ];
-
-    /// Name in the scene file: `csv`, `npy`, `sciospec`, `goe`, `lct`, `khu`, `serial-log`,
-    /// `mcap`.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Csv => "csv",
-            Self::Npy => "npy",
-            Self::Sciospec => "sciospec",
-            Self::Goe => "goe",
-            Self::Lct => "lct",
-            Self::Khu => "khu",
-            Self::SerialLog => "serial-log",
-            Self::Mcap => "mcap",
-        }
-    }
-
-    /// All names, for messages.
-    fn known() -> String {
-        Self::ALL.map(|format| format!("\"{format}\"")).join(", ")
-    }
-}
-
-impl fmt::Display for Format {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
-
-impl FromStr for Format {
-    type Err = HwError;
-
-    fn from_str(name: &str) -> Result<Self, HwError> {
-        Self::ALL
-            .into_iter()
-            .find(|format| format.name() == name)
-            .ok_or_else(|| HwError::UnknownFormat { name: shortened(name), known: Self::known() })
-    }
-}
-
-/// What one frame is in a table of numbers [row, column].
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum FrameOrientation {
-    /// A row: the table is [frame, measurement].
-    #[default]
-    Rows,
-    /// A column: the table is [measurement, frame].
-    Columns,
-    /// The whole table, [measurement, pattern], taken with the measurements of one pattern after
-    /// the other.
-    Matrix,
-}
+use self::files::file_bytes;
+use crate::error::{HwError, Place};
+use crate::recording::{Format, FrameOrientation, Recording};
 
 /// Options of every reader; each reader looks at its own.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -209,39 +122,4 @@ pub fn read_recording(
         #[cfg(not(feature = "mcap"))]
         Format::Mcap => Err(HwError::Unsupported { place: Place::file(path), format: "mcap" }),
     }
-}
-
-/// Bytes of a file; a folder is an error of its own.
-fn file_bytes(path: &Path, format: &'static str) -> Result<Vec<u8>, HwError> {
-    if path.is_dir() {
-        return Err(HwError::Folder { place: Place::file(path), format });
-    }
-    fs::read(path).map_err(|source| HwError::Read { place: Place::file(path), source })
-}
-
-/// Names of the files of a folder, sorted. A name that is no text belongs to no format.
-fn file_names(folder: &Path) -> Result<Vec<String>, HwError> {
-    let unreadable = |source| HwError::Read { place: Place::file(folder), source };
-    let mut names = Vec::new();
-    for entry in fs::read_dir(folder).map_err(unreadable)? {
-        names.extend(entry.map_err(unreadable)?.file_name().into_string());
-    }
-    names.sort();
-    Ok(names)
-}
-
-/// A note where sorted numbers have holes.
-fn missing_numbers(numbers: impl Iterator<Item = u64>) -> Option<Note> {
-    let (mut count, mut first, mut before) = (0, None, None);
-    for number in numbers {
-        if let Some(before) = before {
-            let gap = number.saturating_sub(before).saturating_sub(1);
-            if gap > 0 {
-                first = first.or(Some(before + 1));
-                count += gap;
-            }
-        }
-        before = Some(number);
-    }
-    first.map(|first| Note::MissingFrameFiles { count, first })
 }

@@ -1,9 +1,11 @@
 //! Bytes to and from an instrument: serial ports (feature `serial`) and TCP.
 
 mod advice;
+mod endpoint;
 #[cfg(feature = "serial")]
 mod ports;
 
+pub use endpoint::Endpoint;
 #[cfg(feature = "serial")]
 pub use ports::{PortDescription, UsbDescription, serial_ports};
 
@@ -25,61 +27,7 @@ const WRITE_LIMIT: Duration = Duration::from_secs(2);
 const CONNECT_LIMIT: Duration = Duration::from_secs(1);
 const CONNECT_TRIES: usize = 3;
 /// Bytes that are kept of what came while an instrument was set up.
-const MOST_HEARD: usize = 4096;
-
-/// Where an instrument is.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Endpoint {
-    /// A serial port with 8 data bits, no parity, one stop bit and no flow control.
-    Serial {
-        /// Its path or name, such as `/dev/ttyACM0` or `COM3`.
-        path: String,
-        /// Bits a second; USB CDC devices ignore it.
-        baud: u32,
-        /// Whether the line DTR is raised or lowered on opening; `None` leaves it. Some boards wait
-        /// for it, others restart on it.
-        dtr: Option<bool>,
-    },
-    /// A TCP server, `host:port`.
-    Tcp {
-        /// Its address.
-        address: String,
-    },
-}
-
-impl Endpoint {
-    /// The endpoint that a text names: `tcp:host:port`, else a serial port with this rate.
-    ///
-    /// # Errors
-    /// [`HwError::Setting`] for an empty name, a TCP address without port, or a rate of 0.
-    pub fn parse(text: &str, baud: u32) -> Result<Self, HwError> {
-        let refuse =
-            |wanted| Err(HwError::Setting { name: "port", value: format!("{text:?}"), wanted });
-        if let Some(address) = text.strip_prefix("tcp:") {
-            let port = address.rsplit_once(':').filter(|(host, _)| !host.is_empty());
-            return match port.map(|(_, port)| port.parse::<u16>()) {
-                Some(Ok(_)) => Ok(Self::Tcp { address: address.to_owned() }),
-                _ => refuse("`tcp:host:port`, such as `tcp:192.168.0.5:5000`"),
-            };
-        }
-        if text.trim().is_empty() {
-            return refuse("a serial port such as `/dev/ttyACM0` or `COM3`, or `tcp:host:port`");
-        }
-        if baud == 0 {
-            return Err(HwError::Setting { name: "baud", value: "0".into(), wanted: "a rate" });
-        }
-        Ok(Self::Serial { path: text.to_owned(), baud, dtr: None })
-    }
-}
-
-impl fmt::Display for Endpoint {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Serial { path, .. } => f.write_str(path),
-            Self::Tcp { address } => write!(f, "tcp:{address}"),
-        }
-    }
-}
+const MAX_RECORDED: usize = 4096;
 
 trait Port: Read + Write + Send {}
 impl<T: Read + Write + Send> Port for T {}
@@ -91,7 +39,7 @@ pub struct Link {
     /// Waits end when it is set.
     quit: Arc<AtomicBool>,
     /// The last bytes that came, `None` where nobody wants to know.
-    heard: Option<Vec<u8>>,
+    recorded: Option<Vec<u8>>,
 }
 
 impl fmt::Debug for Link {
@@ -116,7 +64,7 @@ impl Link {
             Endpoint::Tcp { address } => tcp(address, &quit),
         };
         match port {
-            Ok(port) => Ok(Self { endpoint: endpoint.clone(), port, quit, heard: None }),
+            Ok(port) => Ok(Self { endpoint: endpoint.clone(), port, quit, recorded: None }),
             Err(source) => {
                 let mend = advice(endpoint, &source);
                 Err(HwError::Open { endpoint: endpoint.to_string(), source, mend })
@@ -125,13 +73,13 @@ impl Link {
     }
 
     /// Keeps what comes from now on, the last 4 KiB of it.
-    pub(crate) fn listen(&mut self) {
-        self.heard = Some(Vec::new());
+    pub(crate) fn record_input(&mut self) {
+        self.recorded = Some(Vec::new());
     }
 
-    /// What has come since [`listen`](Self::listen); no more is kept.
-    pub(crate) fn heard(&mut self) -> Vec<u8> {
-        self.heard.take().unwrap_or_default()
+    /// What has come since [`record_input`](Self::record_input); no more is kept.
+    pub(crate) fn recorded_input(&mut self) -> Vec<u8> {
+        self.recorded.take().unwrap_or_default()
     }
 
     /// Where it leads.
@@ -150,10 +98,10 @@ impl Link {
         match self.port.read(buffer) {
             Ok(0) => Err(self.lost(io::Error::new(ErrorKind::UnexpectedEof, "closed"))),
             Ok(count) => {
-                if let Some(heard) = &mut self.heard {
-                    heard.extend(&buffer[..count]);
-                    let old = heard.len().saturating_sub(MOST_HEARD);
-                    heard.drain(..old);
+                if let Some(recorded) = &mut self.recorded {
+                    recorded.extend(&buffer[..count]);
+                    let old = recorded.len().saturating_sub(MAX_RECORDED);
+                    recorded.drain(..old);
                 }
                 Ok(count)
             }

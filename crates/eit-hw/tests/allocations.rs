@@ -16,7 +16,7 @@ use allocation_counter::measure;
 use common::rotated;
 use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
 use eit_hw::codec::{eits1, sciospec, text};
-use eit_hw::driver::{Driver, Eits1, Found, Polarity, Sciospec, SciospecSettings};
+use eit_hw::driver::{Decoded, Driver, Eits1, Polarity, Sciospec, SciospecSettings};
 use eit_hw::{Frame, Quality};
 
 /// Frames that fill every buffer, and frames that are counted.
@@ -114,7 +114,9 @@ fn codecs_allocate_nothing_per_frame() {
 fn drivers_allocate_nothing_per_frame() {
     let frames = |driver: &mut dyn Driver, bytes: &[u8]| {
         let mut seen = 0;
-        driver.receive(bytes, &mut |found| seen += usize::from(matches!(found, Found::Frame(_))));
+        driver.receive(bytes, &mut |decoded| {
+            seen += usize::from(matches!(decoded, Decoded::Frame(_)))
+        });
         seen
     };
     let settings = SciospecSettings {

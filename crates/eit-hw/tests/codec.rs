@@ -155,7 +155,7 @@ fn eits1_refuses_every_flipped_bit_and_recovers() {
 fn eits1_bodies_round_trip_and_refuse() {
     let information = eits1::Information {
         electrodes: 16,
-        most_measurements: 208,
+        max_measurements: 208,
         max_frame_rate_hz: 50.0,
         full_scale: f32::INFINITY,
         unit: eit_hw::Unit::Volt,
@@ -379,7 +379,7 @@ fn text_presets_read_what_boards_send() {
             text::Event::Line(line) => assert!(line == "OpenEIT" || line == "mode 3", "{line}"),
             // the first line of an unmarked stream may be cut
             text::Event::Skipped(
-                Fault::CutStart | Fault::NotANumber { .. } | Fault::Values { .. },
+                Fault::TruncatedStart | Fault::NotANumber { .. } | Fault::Values { .. },
             ) => {
                 assert_eq!(format.framing, Framing::Lines);
             }

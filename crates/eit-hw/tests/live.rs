@@ -38,7 +38,7 @@ fn value(sequence: u64, [a, b, m, n]: Quadruple) -> f64 {
 fn information(serial: &str, complex: bool) -> Information {
     Information {
         electrodes: 16,
-        most_measurements: 256,
+        max_measurements: 256,
         max_frame_rate_hz: 1000.0,
         full_scale: 100.0,
         unit: Unit::Volt,
@@ -72,7 +72,7 @@ fn line(folder: &tempfile::TempDir) -> Listen {
 }
 
 fn quick() -> SessionSettings {
-    let reconnect = Some(Backoff { first_s: 0.01, most_s: 0.1, give_up_s: 15.0 });
+    let reconnect = Some(Backoff { initial_s: 0.01, max_s: 0.1, give_up_s: 15.0 });
     // room enough that nothing is dropped while other tests have the processor
     SessionSettings { capacity: 4096, reconnect, ..SessionSettings::default() }
 }

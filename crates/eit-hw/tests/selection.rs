@@ -267,7 +267,7 @@ fn frames_one_by_one_are_those_of_the_recording() {
     let potentials = Layout::Potentials { drives: vec![[0, 1]], electrodes: 3 };
     let named = Layout::Quadruples(vec![[0, 1, 1, 2], [0, 1, 0, 2], [2, 0, 1, 2]]);
     for (layout, quadruples, count) in [
-        (Layout::AsScene, None, 3),
+        (Layout::ProtocolOrder, None, 3),
         (potentials, Some(&quadruples[..]), 2),
         (named, Some(&quadruples), 2),
     ] {
@@ -308,7 +308,7 @@ fn frames_one_by_one_are_those_of_the_recording() {
 
 #[test]
 fn a_map_refuses_what_does_not_fit() {
-    let map = FrameMap::new(&Layout::AsScene, 2, None, 2, "stream".as_ref()).unwrap();
+    let map = FrameMap::new(&Layout::ProtocolOrder, 2, None, 2, "stream".as_ref()).unwrap();
     let good = [Quality::GOOD; 3];
     let apply = |real: &[f64], imaginary, quality: &[Quality], values: usize, flags: usize| {
         let (mut values, mut flags) = (vec![7.0; values], vec![Quality::OPEN; flags]);
@@ -342,7 +342,7 @@ fn a_map_refuses_what_does_not_fit() {
     let new = |layout, value_count, count| {
         FrameMap::new(&layout, value_count, None, count, "stream".as_ref()).unwrap_err()
     };
-    let message = new(Layout::AsScene, 256, 208).to_string();
+    let message = new(Layout::ProtocolOrder, 256, 208).to_string();
     assert!(message.starts_with("stream: 256 values") && message.contains("\"keep\""), "{message}");
     let short = new(Layout::Quadruples(vec![[0, 1, 2, 3]]), 2, 2);
     assert!(matches!(short, HwError::Inconsistent { field: "layout", found: 1, wanted: 2, .. }));

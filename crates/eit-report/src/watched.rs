@@ -77,7 +77,7 @@ pub fn record_of(shown: &LiveFrame<'_>) -> TouchesRecord {
         sequence: shown.frame.sequence,
         touches: touches
             .map(|touch| TouchRecord {
-                name: touch.id,
+                id: touch.id,
                 position_m: touch.position_m,
                 radius_m: Some((touch.area_m2 / std::f64::consts::PI).sqrt()),
                 force_n: None,

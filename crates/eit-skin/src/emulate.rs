@@ -197,7 +197,7 @@ fn eits1(instrument: &Instrument, serial: &str, mut played: Played) -> Box<dyn D
     let complex = played.imaginary.is_some();
     let information = Information {
         electrodes: u16::try_from(instrument.electrodes).unwrap_or(u16::MAX),
-        most_measurements: u16::try_from(instrument.quadruples.len()).unwrap_or(u16::MAX),
+        max_measurements: u16::try_from(instrument.quadruples.len()).unwrap_or(u16::MAX),
         max_frame_rate_hz: MOST_RATE_HZ,
         full_scale: f32::INFINITY,
         unit: Unit::Volt,
@@ -269,6 +269,6 @@ fn text_board(
     };
     let mut board = board.clone();
     // the device knows no scene: it sends what it is given
-    board.layout = Layout::AsScene;
+    board.layout = Layout::ProtocolOrder;
     Box::new(BoardDevice::new(board, instrument.frame_rate_hz, Box::new(source)))
 }

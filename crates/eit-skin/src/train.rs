@@ -152,7 +152,7 @@ pub fn learn(
 ) -> Result<Trainer, SkinError> {
     let Training { settings, base, checkpoint, threads, engine, stop } = *training;
     let history = settings.shape.history;
-    let train = Examples::new(&shards, history)?.turned(&sequences.turns())?;
+    let train = Examples::new(&shards, history)?.augmented(&sequences.turns())?;
     // hundreds of megabytes that are not looked at again
     drop(shards);
     let held_out = Examples::new(held_out, history)?;

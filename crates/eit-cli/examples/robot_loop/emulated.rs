@@ -55,7 +55,7 @@ pub fn skin() -> Result<Emulator, Box<dyn Error>> {
     };
     let information = Information {
         electrodes: 16,
-        most_measurements: 256,
+        max_measurements: 256,
         max_frame_rate_hz: 1000.0,
         full_scale: 10.0,
         unit: Unit::Volt,

@@ -46,7 +46,7 @@ fn settings(args: &CalibrateArgs, skin: &Skin, frames: &Frames) -> CalibrationSe
     }
 }
 
-/// Misfit above this many times the stated noise is the model's error, and counts as noise.
+/// DataMisfit above this many times the stated noise is the model's error, and counts as noise.
 const MODEL_ERROR: f64 = 2.0;
 
 /// By the stated noise; by what stays unexplained where that is much more.

@@ -5,7 +5,7 @@ use crate::cli::CheckArgs;
 use crate::error::CliError;
 use crate::progress;
 use eit_hw::driver::{Overflow, Statistics};
-use eit_hw::{HealthReport, Quiet, Severity, Verdict, measure_quiet};
+use eit_hw::{HealthReport, ReferenceFrames, Severity, Verdict, measure_reference_frames};
 use eit_skin::connect;
 use eit_skin::scene::Scene;
 use serde_json::{Value, json};
@@ -23,8 +23,9 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Answer, CliError> {
     let mut session = progress
         .stage("connect", || connect::open(&instrument, args.port.as_deref(), Overflow::Fail))?;
     let limit = Duration::from_secs_f64(args.seconds);
-    let quiet = progress
-        .stage("measure: touch nothing", || measure_quiet(&mut session, args.frames, limit))?;
+    let quiet = progress.stage("measure: touch nothing", || {
+        measure_reference_frames(&mut session, args.frames, limit)
+    })?;
     let statistics = session.statistics();
     session.stop();
     let found = quiet.frames.values.nrows();
@@ -56,7 +57,12 @@ fn severity(severity: Severity) -> &'static str {
     }
 }
 
-fn text(name: &str, report: &HealthReport, quiet: &Quiet, statistics: &Statistics) -> String {
+fn text(
+    name: &str,
+    report: &HealthReport,
+    quiet: &ReferenceFrames,
+    statistics: &Statistics,
+) -> String {
     let number = |value: Option<f64>, digits: usize| {
         value.map_or_else(|| "unknown".to_owned(), |value| format!("{value:.digits$}"))
     };
@@ -82,7 +88,12 @@ fn text(name: &str, report: &HealthReport, quiet: &Quiet, statistics: &Statistic
     lines.join("\n")
 }
 
-fn to_json(name: &str, report: &HealthReport, quiet: &Quiet, statistics: &Statistics) -> Value {
+fn to_json(
+    name: &str,
+    report: &HealthReport,
+    quiet: &ReferenceFrames,
+    statistics: &Statistics,
+) -> Value {
     let findings: Vec<Value> = report
         .findings
         .iter()

@@ -81,7 +81,7 @@ fn table(recording: &Recording, scene: Option<&Scene>) -> Result<Table, CliError
             quality: recording.quality.clone(),
             quadruples: match &recording.layout {
                 Layout::Quadruples(quadruples) => quadruples.clone(),
-                Layout::AsScene => Vec::new(),
+                Layout::ProtocolOrder => Vec::new(),
                 Layout::Potentials { .. } => {
                     return Err(CliError::input(format!(
                         "{}: holds potentials of electrodes: give --scene, whose protocol says \

@@ -24,7 +24,7 @@ pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> 
     let quadruples = protocol.quadruples().ok_or_else(|| {
         CliError::input("[protocol] has general current patterns, which no recording names")
     })?;
-    let pace = args.speed.map_or(Pace::AsAsked, Pace::Times);
+    let pace = args.speed.map_or(Pace::OnDemand, Pace::Speed);
     let mut replay = Replay::open(&args.from, Some(quadruples), pace)?;
     let mut viewer = Viewer::new(&model, &args.watch, None, !is_json)?;
     let name = replay.setup().identity.to_string();

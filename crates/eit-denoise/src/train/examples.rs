@@ -1,6 +1,6 @@
 //! Pairs in memory, normalised as the running net normalises.
 
-use super::turn::PixelTurn;
+use super::raster_symmetry::RasterSymmetry;
 use crate::DenoiseError;
 use crate::learning_base::Shard;
 use crate::unet::Example;
@@ -26,7 +26,7 @@ pub struct Examples {
     /// What the squared error of each example is multiplied by.
     weights: Vec<f32>,
     /// Ways to turn and mirror an example; never empty, the first leaves it.
-    turns: Vec<PixelTurn>,
+    turns: Vec<RasterSymmetry>,
 }
 
 /// Memory for an example that was turned.
@@ -56,7 +56,7 @@ impl Examples {
             let (quantity, must) = ("history", "at least 1");
             return Err(DenoiseError::OutOfRange { quantity, value: 0.0, must });
         }
-        let turns = vec![PixelTurn::default()];
+        let turns = vec![RasterSymmetry::default()];
         let (frames, wanted, weights) = (Vec::new(), Vec::new(), Vec::new());
         let mut made = Self { history, mask, frames, wanted, weights, turns };
         let mut scales = Vec::new();
@@ -70,13 +70,13 @@ impl Examples {
         Ok(made)
     }
 
-    /// The same pairs, of which each epoch sees every one turned or mirrored in one of these ways,
-    /// drawn anew. The skin with its electrodes and the measurements must have these symmetries;
+    /// The same pairs with data augmentation: each epoch sees every one turned or mirrored in one of
+    /// these ways, drawn anew. The skin with its electrodes and the measurements must have these symmetries;
     /// that the mask has them is checked.
     ///
     /// # Errors
     /// [`DenoiseError::MaskMismatch`] where a turn takes the mask to another.
-    pub fn turned(mut self, turns: &[PixelTurn]) -> Result<Self, DenoiseError> {
+    pub fn augmented(mut self, turns: &[RasterSymmetry]) -> Result<Self, DenoiseError> {
         for turn in turns {
             let differing = turn.differing(self.mask.view());
             if differing > 0 {
@@ -175,7 +175,7 @@ impl Examples {
         let wanted = &self.wanted[k * pixels..][..pixels];
         let mask = self.mask.as_slice().unwrap_or_default();
         let plain = Example { frames, wanted, mask, size: self.size(), weight: self.weights[k] };
-        if turn == PixelTurn::default() {
+        if turn == RasterSymmetry::default() {
             return plain;
         }
         memory.frames.clear();

@@ -77,7 +77,7 @@ impl Weights {
     }
 
     /// The part of the measurements' energy that known images of this net leave unexplained, for
-    /// [`crate::Misfit::score`], where the training measured it: `misfit_limit` of `about`.
+    /// [`crate::DataMisfit::score`], where the training measured it: `misfit_limit` of `about`.
     pub fn misfit_limit(&self) -> Option<f64> {
         let limit: f64 = self.about.get(MISFIT_LIMIT)?.parse().ok()?;
         // an empty image leaves all: from 1 on the limit would believe it

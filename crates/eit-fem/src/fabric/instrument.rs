@@ -3,8 +3,9 @@
 //! In order: a source that gives up limits the current; each channel has its gain and its noise;
 //! the converter rounds and clips. A part of zero amplitude is not computed.
 
-use super::random::{Purpose, Random};
+use super::random::Random;
 use super::settings::Instrument;
+use super::stream::Purpose;
 use super::truth::TrueQuality;
 use crate::protocol::Protocol;
 
@@ -24,8 +25,8 @@ impl Channels {
     /// `reference_v`: exact voltages of the untouched skin, which set the range.
     pub fn new(settings: &Instrument, protocol: &Protocol, reference_v: &[f64], seed: u64) -> Self {
         let patterns = protocol.measurement_patterns().nrows();
-        let per_channel = |purpose, sample: &dyn Fn(&mut Random) -> f64| -> Vec<f64> {
-            let mut random = Random::new(seed, purpose, 0);
+        let per_channel = |purpose: Purpose, sample: &dyn Fn(&mut Random) -> f64| -> Vec<f64> {
+            let mut random = purpose.stream(seed, 0);
             let channels: Vec<f64> = (0..patterns).map(|_| sample(&mut random)).collect();
             protocol.data().iter().map(|datum| channels[datum[1] as usize]).collect()
         };
@@ -63,7 +64,7 @@ impl Channels {
             values_v.iter_mut().zip(gains).for_each(|(v, gain)| *v *= gain);
         }
         if let Some(noise_v) = &self.noise_v {
-            let mut random = Random::new(self.seed, Purpose::Noise, frame);
+            let mut random = Purpose::Noise.stream(self.seed, frame);
             values_v.iter_mut().zip(noise_v).for_each(|(v, std)| *v += std * random.normal());
         }
         let Some([step, _]) = self.converter else { return };
@@ -89,7 +90,7 @@ pub(super) fn open_contacts(
 ) -> Vec<Vec<bool>> {
     let mut open = vec![vec![false; electrodes]; frames];
     for &number in settings.loose.iter().filter(|_| settings.loose_rate_hz > 0.0) {
-        let mut random = Random::new(seed, Purpose::Loose, number);
+        let mut random = Purpose::Loose.stream(seed, number);
         // waiting times of a Poisson process
         let mut wait = |mean_s: f64| -mean_s * (-random.between(0.0, 1.0)).ln_1p();
         let mut now_s = wait(1.0 / settings.loose_rate_hz);

@@ -1,8 +1,8 @@
 //! Touch scripts that come with the crate, fitted into the largest circle of a skin.
 
 use super::contact::Tip;
-use super::random::{Purpose, Random};
 use super::script::{Finger, Interpolation, Key, TouchScript};
+use super::stream::Purpose;
 use crate::error::FemError;
 use eit_mesh::Mesh;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -162,9 +162,9 @@ fn closing_in(circle: &PlayCircle, start_s: f64, end_s: f64) -> Vec<Finger> {
 /// Three fingers that come and go, each in a third of the circle, so that they never meet.
 fn random(circle: &PlayCircle, start_s: f64, frames: usize, seed: u64) -> Vec<Finger> {
     let end_s = (frames - 5) as f64 / RATE_HZ;
-    let turn = Random::new(seed, Purpose::Script, 0).between(0.0, TAU);
+    let turn = Purpose::Script.stream(seed, 0).between(0.0, TAU);
     let finger = |id: u32| {
-        let mut random = Random::new(seed, Purpose::Script, id as usize);
+        let mut random = Purpose::Script.stream(seed, id as usize);
         let middle = turn + TAU * f64::from(id) / 3.0;
         let mut place =
             || circle.at(random.between(0.35, 0.75), middle + random.between(-0.7, 0.7));

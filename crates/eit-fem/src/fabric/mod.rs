@@ -44,15 +44,18 @@ mod library;
 mod motion;
 mod piezo;
 mod random;
+mod random_field;
 mod script;
 mod settings;
 mod simulate;
+mod stream;
 mod truth;
 
 pub use contact::{Dent, Indentation, Tip};
 pub use fabric_model::Fabric;
 pub use library::PlayCircle;
 pub use piezo::PiezoLaw;
+pub use random::Random;
 pub use script::{Finger, Interpolation, Key, Touch, TouchScript};
 pub use settings::{Drift, FabricSettings, Instrument, Membrane, Piezoresistance, Rim, Weave};
 pub use simulate::SimulationSettings;

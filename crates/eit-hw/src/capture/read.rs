@@ -1,14 +1,16 @@
 //! Recordings read as a whole.
 
+use std::io::Read;
 use std::path::Path;
 
 use ndarray::Array2;
 
-use super::{CaptureReader, Entry, SessionRecord};
+use super::entry::Entry;
+use super::record::SessionRecord;
+use super::stream::{CaptureReader, Damage};
 use crate::error::{HwError, Place};
 use crate::frame::{Frame, Quality};
-use crate::readers::Format;
-use crate::recording::{Layout, Note, Recording, Unit};
+use crate::recording::{Format, Layout, Note, Recording, Unit};
 
 /// A recording that was read.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -17,20 +19,6 @@ pub struct Capture {
     pub entries: Vec<Entry>,
     /// What is missing.
     pub damage: Damage,
-}
-
-/// What is missing of a recording.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Damage {
-    /// The recording was not finished: its program was killed.
-    pub unfinished: bool,
-    /// Bytes at the end that are no whole record.
-    pub cut_bytes: usize,
-    /// Chunks whose checksum or content is wrong; their messages are left out.
-    pub bad_chunks: usize,
-    /// Messages that cannot be read: of another version, or of a topic that was named in a bad
-    /// chunk.
-    pub bad_messages: usize,
 }
 
 impl Capture {
@@ -99,7 +87,7 @@ impl Capture {
         let none = |_| HwError::NoFrames { place: place(), skipped: 0 };
         let table = |values| Array2::from_shape_vec((rows, count), values).map_err(none);
         let layout = match named {
-            0 => Layout::AsScene,
+            0 => Layout::ProtocolOrder,
             _ => Layout::Quadruples(session.quadruples),
         };
         let parts = if complex { Some(table(imaginary)?) } else { None };
@@ -108,9 +96,10 @@ impl Capture {
         recording.quality = Array2::from_shape_vec((rows, count), quality).map_err(none)?;
         let steady = times.len() == rows && times.is_sorted();
         recording.device_time_s = steady.then_some(times);
-        let Damage { bad_chunks: chunks, bad_messages: messages, cut_bytes, .. } = self.damage;
-        if chunks + messages + cut_bytes > 0 {
-            recording.notes.push(Note::Damaged { chunks, messages, cut_bytes });
+        let Damage { bad_chunks: chunks, bad_messages: messages, truncated_bytes, .. } =
+            self.damage;
+        if chunks + messages + truncated_bytes > 0 {
+            recording.notes.push(Note::Damaged { chunks, messages, truncated_bytes });
         }
         recording.current_a = session.current_a;
         recording.frequency_hz = session.frequency_hz;
@@ -123,7 +112,7 @@ impl Capture {
 /// # Errors
 /// [`HwError::Read`], and as [`parse`].
 pub fn read(path: &Path) -> Result<Capture, HwError> {
-    CaptureReader::open(path)?.collect()
+    whole(CaptureReader::open(path)?)
 }
 
 /// The recording of these bytes; `path` is for messages. Chunks that are whole and right are read,
@@ -132,5 +121,14 @@ pub fn read(path: &Path) -> Result<Capture, HwError> {
 /// # Errors
 /// [`HwError::Empty`], and [`HwError::Container`] for what does not start as MCAP.
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Capture, HwError> {
-    CaptureReader::new(bytes, path)?.collect()
+    whole(CaptureReader::new(bytes, path)?)
+}
+
+/// Every message of a recording.
+fn whole<R: Read>(mut reader: CaptureReader<R>) -> Result<Capture, HwError> {
+    let mut entries = Vec::new();
+    while let Some(entry) = reader.next_entry()? {
+        entries.push(entry);
+    }
+    Ok(Capture { entries, damage: reader.damage() })
 }

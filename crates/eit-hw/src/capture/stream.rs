@@ -8,7 +8,8 @@ use std::path::{Path, PathBuf};
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use super::{Capture, Damage, Entry, MAGIC, Topic};
+use super::container::MAGIC;
+use super::entry::{Entry, Topic};
 use crate::error::{HwError, Place};
 
 /// Longest chunk that is unpacked, and longest record; the writer ends chunks above 1 MiB.
@@ -17,6 +18,20 @@ const MOST_CHUNK_BYTES: u64 = 64 << 20;
 const RECORD_HEAD: usize = 9;
 const OP_CHUNK: u8 = 0x06;
 const OP_DATA_END: u8 = 0x0F;
+
+/// What is missing of a recording.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Damage {
+    /// The recording was not finished: its program was killed.
+    pub unfinished: bool,
+    /// Bytes at the end that are no whole record.
+    pub truncated_bytes: usize,
+    /// Chunks whose checksum or content is wrong; their messages are left out.
+    pub bad_chunks: usize,
+    /// Messages that cannot be read: of another version, or of a topic that was named in a bad
+    /// chunk.
+    pub bad_messages: usize,
+}
 
 /// Reads a recording message by message, whole or cut. Chunks that are whole and right are read,
 /// whatever became of the rest; an index is not needed.
@@ -108,16 +123,6 @@ impl<R: Read> CaptureReader<R> {
         self.damage
     }
 
-    /// All messages that are left.
-    pub(super) fn collect(mut self) -> Result<Capture, HwError> {
-        let mut capture = Capture::default();
-        while let Some(entry) = self.next_entry()? {
-            capture.entries.push(entry);
-        }
-        capture.damage = self.damage;
-        Ok(capture)
-    }
-
     /// Reads to the end. Bytes up to the end of the last whole record that is no part of the index.
     pub(super) fn whole_bytes(mut self) -> Result<u64, HwError> {
         while self.next_entry()?.is_some() {}
@@ -191,7 +196,7 @@ impl<R: Read> CaptureReader<R> {
         if has_data_end {
             self.damage.unfinished = end != MAGIC;
         } else {
-            self.damage.cut_bytes =
+            self.damage.truncated_bytes =
                 usize::try_from(self.position - self.whole).unwrap_or(usize::MAX);
         }
         Ok(())

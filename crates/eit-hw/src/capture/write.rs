@@ -5,6 +5,7 @@
 
 mod sink;
 
+use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::{Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -16,11 +17,11 @@ use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions, Writer};
 
 use self::sink::Sink;
+use super::container::{MAGIC, container_error};
+use super::entry::{Entry, Topic};
+use super::json::FrameJson;
+use super::record::{NoteJson, ReferenceRecord, SessionRecord, TouchesRecord};
 use super::stream::CaptureReader;
-use super::{
-    Entry, FrameJson, MAGIC, NO_METADATA, NoteJson, ReferenceRecord, SessionRecord, Topic,
-    TouchesRecord, container,
-};
 use crate::error::{HwError, Place};
 use crate::frame::Frame;
 
@@ -149,11 +150,12 @@ impl CaptureWriter {
         let mut writer = options.create(sink).map_err(error)?;
         is_silent.store(false, Ordering::Relaxed);
         let mut channels = [0; Topic::ALL.len()];
+        let no_metadata = BTreeMap::new();
         for (topic, channel) in Topic::ALL.into_iter().zip(&mut channels) {
             let (name, text) = topic.schema();
             let schema = writer.add_schema(name, "jsonschema", text.as_bytes()).map_err(error)?;
             *channel =
-                writer.add_channel(schema, topic.name(), "json", &NO_METADATA).map_err(error)?;
+                writer.add_channel(schema, topic.name(), "json", &no_metadata).map_err(error)?;
         }
         Ok(Self {
             writer,
@@ -237,7 +239,7 @@ impl CaptureWriter {
     ) -> Result<(), HwError> {
         let index = topic as usize;
         self.json.clear();
-        write(&mut self.json).map_err(|error| container(Place::file(&self.path), &error))?;
+        write(&mut self.json).map_err(|error| container_error(Place::file(&self.path), &error))?;
         let log_time_ns = u64::try_from(log_time.as_nanos()).unwrap_or(u64::MAX);
         let header = MessageHeader {
             channel_id: self.channels[index],
@@ -360,6 +362,6 @@ fn write_error(path: &Path, error: McapError) -> HwError {
     let place = Place::file(path);
     match error {
         McapError::Io(source) => HwError::Write { place, source },
-        other => container(place, &other),
+        other => container_error(place, &other),
     }
 }

@@ -16,7 +16,7 @@ mod code;
 mod data;
 
 pub use code::Code;
-pub use data::{DataFrame, Output};
+pub use data::{DataFrame, GROUP, Output};
 
 /// First and last byte of a system message or acknowledgement.
 pub const TAG_SYSTEM: u8 = 0x18;
@@ -33,10 +33,6 @@ pub const TAG_DATA: u8 = 0xB4;
 /// Device information.
 pub const TAG_DEVICE: u8 = 0xD1;
 
-/// Channels of a data frame.
-pub const GROUP: usize = 16;
-/// Values beyond this are no voltage of an instrument with a range of at most 10 V.
-const LARGEST_V: f32 = 20.0;
 /// Tag, length, payload, tag.
 const LONGEST: usize = 258;
 

@@ -5,7 +5,9 @@ mod meaning;
 use std::time::{Duration, Instant};
 
 use self::meaning::{fill, reason, text, unwrapped};
-use super::{Driver, Found, Identity, Limits, RawFrame, Setup};
+use super::decoded::{Decoded, RawFrame};
+use super::interface::Driver;
+use super::setup::{Identity, Limits, Setup};
 use crate::codec::eits1::{Configuration, Decoder, Event, Information, Kind, Message, encode};
 use crate::error::HwError;
 use crate::frame::{Quadruple, Quality};
@@ -75,14 +77,9 @@ impl Eits1 {
         })
     }
 
-    /// Sends a command until its answer of the kind `wanted` comes; the answer's payload.
-    fn ask(
-        &mut self,
-        link: &mut Link,
-        (kind, payload): (Kind, &[u8]),
-        wanted: Kind,
-        doing: &'static str,
-    ) -> Result<Vec<u8>, HwError> {
+    /// Sends a command until it is answered; the answer's payload.
+    fn ask(&mut self, link: &mut Link, command: &Command<'_>) -> Result<Vec<u8>, HwError> {
+        let Command { kind, payload, answer: wanted, purpose } = *command;
         let mut buffer = [0; 4096];
         self.early.clear();
         for _ in 0..ATTEMPTS {
@@ -114,7 +111,7 @@ impl Eits1 {
                 }
                 if let Some(reason) = refusal {
                     let endpoint = link.endpoint().to_string();
-                    return Err(HwError::Refused { endpoint, command: doing, reason });
+                    return Err(HwError::Refused { endpoint, command: purpose, reason });
                 }
             }
         }
@@ -159,6 +156,22 @@ impl Eits1 {
     }
 }
 
+/// A command to the instrument.
+struct Command<'a> {
+    kind: Kind,
+    payload: &'a [u8],
+    /// Kind of the message that answers it.
+    answer: Kind,
+    /// What it tells the instrument to do, for messages.
+    purpose: &'static str,
+}
+
+impl Command<'static> {
+    fn without_payload(kind: Kind, answer: Kind, purpose: &'static str) -> Self {
+        Self { kind, payload: &[], answer, purpose }
+    }
+}
+
 fn send(link: &mut Link, kind: Kind, sequence: u32, payload: &[u8]) -> Result<(), HwError> {
     let count = payload.len().min(usize::from(u16::MAX)) as u16;
     // the first 0 ends what noise may have begun
@@ -177,7 +190,9 @@ impl Driver for Eits1 {
         self.decoder.reset();
         send(link, Kind::Stop, 0, &[])?;
         link.drain(Duration::from_millis(60), Duration::from_millis(500))?;
-        let bytes = self.ask(link, (Kind::Identify, &[]), Kind::Information, "identify itself")?;
+        let identify =
+            Command::without_payload(Kind::Identify, Kind::Information, "identify itself");
+        let bytes = self.ask(link, &identify)?;
         let not_read = |what| HwError::Refused {
             endpoint: link.endpoint().to_string(),
             command: what,
@@ -185,10 +200,15 @@ impl Driver for Eits1 {
         };
         let information =
             Information::from_bytes(&bytes).ok_or_else(|| not_read("identify itself"))?;
-        self.ask(link, (Kind::Stop, &[]), Kind::Acknowledgement, "stop")?;
+        self.ask(link, &Command::without_payload(Kind::Stop, Kind::Acknowledgement, "stop"))?;
         let payload = self.configuration.to_bytes();
-        let command = (Kind::Configuration, &payload[..]);
-        let bytes = self.ask(link, command, Kind::Configuration, "use the configuration")?;
+        let configure = Command {
+            kind: Kind::Configuration,
+            payload: &payload,
+            answer: Kind::Configuration,
+            purpose: "use the configuration",
+        };
+        let bytes = self.ask(link, &configure)?;
         let found = Configuration::from_bytes(&bytes).ok_or_else(|| HwError::Refused {
             endpoint: link.endpoint().to_string(),
             command: "use the configuration",
@@ -222,35 +242,36 @@ impl Driver for Eits1 {
 
     fn start(&mut self, link: &mut Link) -> Result<(), HwError> {
         self.last = None;
-        self.ask(link, (Kind::Start, &[]), Kind::Acknowledgement, "start").map(|_| ())
+        let start = Command::without_payload(Kind::Start, Kind::Acknowledgement, "start");
+        self.ask(link, &start).map(|_| ())
     }
 
-    fn receive(&mut self, bytes: &[u8], on_found: &mut dyn FnMut(Found<'_>)) {
+    fn receive(&mut self, bytes: &[u8], on_decoded: &mut dyn FnMut(Decoded<'_>)) {
         let Self { decoder, last, values, imaginary, quality, complex, early, .. } = self;
         let mut on_event = |event: Event<'_>| {
             let message = match event {
                 Event::Damaged { bytes, .. } => {
-                    return on_found(Found::Damaged { bytes: bytes as u64 });
+                    return on_decoded(Decoded::Damaged { bytes: bytes as u64 });
                 }
                 Event::Message(message) => message,
             };
             match message.kind {
                 Kind::Frame => {}
-                Kind::Text => return on_found(Found::Notice(&text(message.payload))),
+                Kind::Text => return on_decoded(Decoded::Notice(&text(message.payload))),
                 // it tells who it is when it starts
-                Kind::Information => return on_found(Found::Restarted),
+                Kind::Information => return on_decoded(Decoded::Restarted),
                 _ => return,
             }
             let size = message.payload.len() as u64;
             let Some(counter) = unwrapped(last, message.sequence) else {
                 // an older frame, or the same again
-                return on_found(Found::Damaged { bytes: size });
+                return on_decoded(Decoded::Damaged { bytes: size });
             };
             if message.measurements() != values.len() || message.is_complex() != *complex {
-                return on_found(Found::Damaged { bytes: size });
+                return on_decoded(Decoded::Damaged { bytes: size });
             }
             fill(&message, values, imaginary, quality);
-            on_found(Found::Frame(RawFrame {
+            on_decoded(Decoded::Frame(RawFrame {
                 values,
                 imaginary,
                 quality,

@@ -1,20 +1,8 @@
 //! What the values themselves say about their quality.
 
-use super::RawFrame;
+use super::decoded::RawFrame;
+use super::setup::Limits;
 use crate::frame::Quality;
-
-/// What values of an instrument can be. The default knows nothing.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Limits {
-    /// Magnitude of the largest value: those within 0.1 % of it are flagged saturated, those
-    /// beyond it by more than 0.1 % over range.
-    pub full_scale: Option<f64>,
-    /// Magnitudes up to here are those of an input with nothing connected.
-    pub open_up_to: Option<f64>,
-    /// After so many frames in which a value does not change while half of the others do, it is
-    /// flagged stuck. `None`: never.
-    pub stuck_frames: Option<u32>,
-}
 
 /// Flags values of one stream.
 #[derive(Clone, Debug)]

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::Event;
+use super::source::{Event, Statistics};
 use crate::error::HwError;
 use crate::frame::Frame;
 
@@ -16,26 +16,6 @@ pub enum Overflow {
     KeepLatest,
     /// The session ends with [`HwError::Overflow`]: for a recorder, which must not lose a frame.
     Fail,
-}
-
-/// What a session has seen.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Statistics {
-    /// Frames received.
-    pub frames: u64,
-    /// Frames that the instrument sent or should have sent and that were not received, as far as
-    /// its counter or a cut frame shows.
-    pub lost: u64,
-    /// Received frames dropped because the consumer was slow.
-    pub dropped: u64,
-    /// Frames with a flag on some measurement.
-    pub flagged: u64,
-    /// Bytes received.
-    pub bytes: u64,
-    /// Bytes that were no message.
-    pub damaged_bytes: u64,
-    /// Times that the instrument was found again.
-    pub reconnections: u32,
 }
 
 #[derive(Debug)]

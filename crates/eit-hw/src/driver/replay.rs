@@ -3,7 +3,8 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use super::{Event, FrameSource, Setup, Statistics};
+use super::setup::Setup;
+use super::source::{Event, FrameSource, Statistics};
 use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
 use crate::recording::{FrameMap, Projection};
@@ -11,12 +12,12 @@ use crate::recording::{FrameMap, Projection};
 /// How fast a recording is played.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Pace {
-    /// Each frame as soon as it is asked for: as fast as the consumer is, or step by step.
+    /// Each frame when it is asked for: as fast as the consumer, or step by step.
     #[default]
-    AsAsked,
-    /// So many times as fast as it was recorded, by the clock of the host, else by that of the
-    /// instrument; 1 is as it was. Frames without any clock come as soon as they are asked for.
-    Times(f64),
+    OnDemand,
+    /// This many times the recorded speed, by the clock of the host, else by that of the
+    /// instrument; 1 is real time. Frames without any clock come when they are asked for.
+    Speed(f64),
 }
 
 /// Where a [`Replay`] takes its events from.
@@ -60,7 +61,7 @@ impl Replay {
         quadruples: Option<&[Quadruple]>,
         pace: Pace,
     ) -> Result<Self, HwError> {
-        use super::{Identity, Limits};
+        use super::setup::{Identity, Limits};
         use crate::capture::{CaptureReader, Entry};
         use crate::recording::{Layout, Unit};
         // what comes before the first frame, and how many values it has
@@ -79,7 +80,7 @@ impl Replay {
         };
         let session = session.unwrap_or_default();
         let layout = match session.quadruples.len() {
-            0 => Layout::AsScene,
+            0 => Layout::ProtocolOrder,
             _ => Layout::Quadruples(session.quadruples.clone()),
         };
         let setup = Setup {
@@ -155,7 +156,7 @@ impl Replay {
         pace: Pace,
         place: &Path,
     ) -> Result<Self, HwError> {
-        if let Pace::Times(times) = pace
+        if let Pace::Speed(times) = pace
             && !(times > 0.0 && times.is_finite())
         {
             let value = times.to_string();
@@ -180,7 +181,7 @@ impl Replay {
 
     /// How long until a frame is due; zero where it is.
     fn due_in(&mut self, frame: &Frame) -> Duration {
-        let Pace::Times(times) = self.pace else { return Duration::ZERO };
+        let Pace::Speed(times) = self.pace else { return Duration::ZERO };
         // a pause between two runs is not waited for
         if self.last.is_some_and(|(_, epoch)| epoch != frame.epoch) {
             self.start = None;

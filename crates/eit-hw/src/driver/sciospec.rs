@@ -12,9 +12,11 @@ pub use settings::{Gain, PairWidth, Polarity, Range, SciospecSettings};
 use std::time::{Duration, Instant};
 
 use self::frame::Assembly;
-use super::{Driver, Found, Identity, Limits, Setup};
+use super::decoded::Decoded;
+use super::interface::Driver;
+use super::setup::{Identity, Limits, Setup};
 use crate::codec::sciospec::{
-    Code, Decoder, Event, GROUP, Output, TAG_DATA, TAG_DEVICE, TAG_GET_SETUP, TAG_SET_OUTPUT,
+    Code, Decoder, Event, Output, TAG_DATA, TAG_DEVICE, TAG_GET_SETUP, TAG_SET_OUTPUT,
     TAG_SET_SETUP, encode,
 };
 use crate::error::HwError;
@@ -56,7 +58,8 @@ impl Sciospec {
     fn command(
         &mut self,
         link: &mut Link,
-        (tag, payload): (u8, &[u8]),
+        tag: u8,
+        payload: &[u8],
         doing: &'static str,
     ) -> Result<Option<Vec<u8>>, HwError> {
         let mut wire = Vec::new();
@@ -112,13 +115,13 @@ impl Sciospec {
         link.write(&stop)?;
         link.drain(Duration::from_millis(300), Duration::from_secs(3))?;
         self.decoder.reset();
-        let device = self.command(link, (TAG_DEVICE, &[]), "identify itself")?;
+        let device = self.command(link, TAG_DEVICE, &[], "identify itself")?;
         let identity = identity(device.as_deref().unwrap_or_default());
         for (payload, doing) in self.settings.commands() {
-            self.command(link, (TAG_SET_SETUP, &payload), doing)?;
+            self.command(link, TAG_SET_SETUP, &payload, doing)?;
         }
         for output in [1, 2, 3] {
-            self.command(link, (TAG_SET_OUTPUT, &[output, 1]), "choose its output")?;
+            self.command(link, TAG_SET_OUTPUT, &[output, 1], "choose its output")?;
         }
         let rate = self.read_back(link, 3, "read the frame rate back")?;
         self.check(link, "the frame rate in Hz", self.settings.frame_rate_hz, rate.first())?;
@@ -134,7 +137,7 @@ impl Sciospec {
         setting: u8,
         doing: &'static str,
     ) -> Result<Vec<f32>, HwError> {
-        let value = self.command(link, (TAG_GET_SETUP, &[setting]), doing)?.unwrap_or_default();
+        let value = self.command(link, TAG_GET_SETUP, &[setting], doing)?.unwrap_or_default();
         let floats = value.strip_prefix(&[setting]).unwrap_or_default().as_chunks::<4>().0;
         Ok(floats.iter().map(|&bytes| f32::from_be_bytes(bytes)).collect())
     }
@@ -209,22 +212,22 @@ impl Driver for Sciospec {
 
     fn start(&mut self, link: &mut Link) -> Result<(), HwError> {
         self.assembly.reset();
-        self.command(link, (TAG_DATA, &[1]), "start").map(|_| ())
+        self.command(link, TAG_DATA, &[1], "start").map(|_| ())
     }
 
-    fn receive(&mut self, bytes: &[u8], on_found: &mut dyn FnMut(Found<'_>)) {
+    fn receive(&mut self, bytes: &[u8], on_decoded: &mut dyn FnMut(Decoded<'_>)) {
         let Self { decoder, assembly, early, .. } = self;
         let mut on_event = |event: Event<'_>| match event {
-            Event::Data(data) => assembly.take(&data, on_found),
-            Event::System(Code::Booted | Code::Ready) => on_found(Found::Restarted),
-            Event::System(Code::HoldUp(_)) => on_found(Found::Notice("data was held up")),
+            Event::Data(data) => assembly.take(&data, on_decoded),
+            Event::System(Code::Booted | Code::Ready) => on_decoded(Decoded::Restarted),
+            Event::System(Code::HoldUp(_)) => on_decoded(Decoded::Notice("data was held up")),
             Event::System(code) => {
                 if let Some(failure) = code.failure() {
-                    on_found(Found::Notice(failure));
+                    on_decoded(Decoded::Notice(failure));
                 }
             }
             Event::Other { .. } => {}
-            Event::Skipped { bytes } => on_found(Found::Damaged { bytes }),
+            Event::Skipped { bytes } => on_decoded(Decoded::Damaged { bytes }),
         };
         decoder.push(&std::mem::take(early), &mut on_event);
         decoder.push(bytes, &mut on_event);
@@ -240,9 +243,4 @@ impl Driver for Sciospec {
 fn is_final(error: &HwError) -> bool {
     let code = format!("(code {:02X})", Code::NotExecuted.byte());
     matches!(error, HwError::Refused { reason, .. } if reason.ends_with(&code))
-}
-
-/// Groups of 16 channels that hold the electrodes.
-fn groups(electrodes: u32) -> usize {
-    (electrodes as usize).div_ceil(GROUP)
 }

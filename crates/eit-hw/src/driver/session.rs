@@ -1,7 +1,10 @@
 //! A running instrument: one reader thread, a bounded queue, reconnection.
 
 mod reader;
+mod settings;
 mod stream;
+
+pub use settings::{Backoff, SessionSettings};
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,116 +13,13 @@ use std::time::Duration;
 
 use self::reader::Reader;
 use self::stream::Stream;
-use super::queue::{Overflow, Queue, Statistics};
-use super::{Driver, Setup};
+use super::interface::{Driver, connect};
+use super::queue::Queue;
+use super::setup::Setup;
+use super::source::{Event, FrameSource, Statistics};
 use crate::error::HwError;
-use crate::frame::{Frame, Quadruple};
+use crate::frame::Frame;
 use crate::transport::{Endpoint, Link};
-
-/// How a session runs.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SessionSettings {
-    /// Measurements of the scene's protocol, in its order; `None` takes the instrument's own.
-    pub quadruples: Option<Vec<Quadruple>>,
-    /// Frames that may wait for the consumer.
-    pub capacity: usize,
-    /// What happens to the next one.
-    pub overflow: Overflow,
-    /// After so long without a byte or frame, [`Event::Stalled`] is told.
-    pub stall_s: f64,
-    /// How a lost instrument is looked for; `None`: the session ends.
-    pub reconnect: Option<Backoff>,
-}
-
-impl Default for SessionSettings {
-    /// 64 frames, keeping the latest; 2 s; reconnecting as long as it takes.
-    fn default() -> Self {
-        Self {
-            quadruples: None,
-            capacity: 64,
-            overflow: Overflow::default(),
-            stall_s: 2.0,
-            reconnect: Some(Backoff::default()),
-        }
-    }
-}
-
-/// Waits between attempts to find an instrument again: each is twice the last.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Backoff {
-    /// The first wait.
-    pub first_s: f64,
-    /// The longest.
-    pub most_s: f64,
-    /// After so long the session ends with the last error; infinite: never.
-    pub give_up_s: f64,
-}
-
-impl Default for Backoff {
-    /// 0.1 s to 5 s, without end.
-    fn default() -> Self {
-        Self { first_s: 0.1, most_s: 5.0, give_up_s: f64::INFINITY }
-    }
-}
-
-impl SessionSettings {
-    /// Whether the settings can be.
-    ///
-    /// # Errors
-    /// [`HwError::Setting`] names the first that cannot.
-    pub fn validate(&self) -> Result<(), HwError> {
-        let positive = |name, value: f64| {
-            if value > 0.0 {
-                return Ok(());
-            }
-            Err(HwError::Setting { name, value: value.to_string(), wanted: "more than 0" })
-        };
-        if self.capacity == 0 || self.capacity > 1 << 20 {
-            let value = self.capacity.to_string();
-            return Err(HwError::Setting {
-                name: "capacity",
-                value,
-                wanted: "1 to 1048576 frames",
-            });
-        }
-        positive("stall_s", self.stall_s)?;
-        let Some(backoff) = self.reconnect else { return Ok(()) };
-        positive("reconnect.first_s", backoff.first_s)?;
-        positive("reconnect.most_s", backoff.most_s)?;
-        positive("reconnect.give_up_s", backoff.give_up_s)
-    }
-}
-
-/// What a session tells.
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub enum Event {
-    /// A frame in protocol order; give it back with [`Session::recycle`] to spare an allocation.
-    Frame(Frame),
-    /// So many frames were lost before the next one.
-    Gap {
-        /// How many.
-        frames: u64,
-    },
-    /// The instrument or driver says something.
-    Notice(String),
-    /// Nothing has come for so long, though the connection stands. Told once.
-    Stalled {
-        /// For how long.
-        for_s: f64,
-    },
-    /// The instrument is gone; it is looked for.
-    Disconnected {
-        /// What happened.
-        reason: String,
-    },
-    /// The instrument was found again and set up anew. A reference frame of another epoch does not
-    /// hold: contacts and gains may have changed.
-    Reconnected {
-        /// The new epoch, that of the frames that follow.
-        epoch: u32,
-    },
-}
 
 /// A running instrument.
 ///
@@ -146,7 +46,7 @@ impl Session {
         settings.validate()?;
         let quit = Arc::new(AtomicBool::new(false));
         let mut link = Link::open_until(endpoint, Arc::clone(&quit))?;
-        let setup = super::connect(&mut *driver, &mut link)?;
+        let setup = connect(&mut *driver, &mut link)?;
         let stream = Stream::new(&setup, &settings, endpoint)?;
         driver.start(&mut link)?;
         let queue = Arc::new(Queue::new(settings.capacity, settings.overflow));
@@ -210,5 +110,27 @@ impl Session {
 impl Drop for Session {
     fn drop(&mut self) {
         self.stop();
+    }
+}
+
+impl FrameSource for Session {
+    fn setup(&self) -> &Setup {
+        Session::setup(self)
+    }
+
+    fn next_event(&mut self, timeout: Duration) -> Result<Option<Event>, HwError> {
+        Session::next_event(self, timeout)
+    }
+
+    fn recycle(&mut self, frame: Frame) {
+        Session::recycle(self, frame);
+    }
+
+    fn statistics(&self) -> Statistics {
+        Session::statistics(self)
+    }
+
+    fn is_over(&self) -> bool {
+        Session::is_over(self)
     }
 }

@@ -6,7 +6,9 @@ pub use board::{Board, Step};
 
 use std::time::{Duration, Instant};
 
-use super::{Driver, Found, Identity, Limits, RawFrame, Setup};
+use super::decoded::{Decoded, RawFrame};
+use super::interface::Driver;
+use super::setup::{Identity, Limits, Setup};
 use crate::codec::text::{Decoder, Event};
 use crate::error::HwError;
 use crate::transport::Link;
@@ -14,6 +16,34 @@ use crate::transport::Link;
 /// An answer to a step must come within this.
 const ANSWER_LIMIT: Duration = Duration::from_millis(1500);
 const ATTEMPTS: u32 = 3;
+
+impl Board {
+    /// The driver of this board.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] where the format cannot be, or does not have as many values as the
+    /// layout.
+    pub fn driver(self) -> Result<Box<dyn Driver>, HwError> {
+        let count = self.format.measurements();
+        if let Some(found) = self.layout.value_count().filter(|&found| found != count) {
+            return Err(HwError::Setting {
+                name: "measurements of the layout",
+                value: found.to_string(),
+                wanted: "as many as a frame of the format has",
+            });
+        }
+        if !(self.first_frame_s > 0.0 && self.first_frame_s <= 3600.0) {
+            let value = self.first_frame_s.to_string();
+            return Err(HwError::Setting {
+                name: "first_frame_s",
+                value,
+                wanted: "above 0, to 3600",
+            });
+        }
+        let decoder = Decoder::new(self.format.clone())?;
+        Ok(Box::new(Text { board: self, decoder, asked: None }))
+    }
+}
 
 struct Text {
     board: Board,
@@ -54,8 +84,8 @@ impl Text {
         while start.elapsed().as_secs_f64() < self.board.first_frame_s {
             self.idle(link)?;
             let received = link.read(&mut buffer)?;
-            self.receive(&buffer[..received], &mut |found| {
-                whole |= matches!(found, Found::Frame(_));
+            self.receive(&buffer[..received], &mut |decoded| {
+                whole |= matches!(decoded, Decoded::Frame(_));
             });
             if whole {
                 return Ok(());
@@ -105,13 +135,13 @@ impl Driver for Text {
         Ok(())
     }
 
-    fn receive(&mut self, bytes: &[u8], on_found: &mut dyn FnMut(Found<'_>)) {
+    fn receive(&mut self, bytes: &[u8], on_decoded: &mut dyn FnMut(Decoded<'_>)) {
         let asked = &mut self.asked;
         self.decoder.push(bytes, &mut |event| match event {
             Event::Frame { values, imaginary, quality } => {
                 *asked = None;
                 let (counter, device_time_s) = (None, None);
-                on_found(Found::Frame(RawFrame {
+                on_decoded(Decoded::Frame(RawFrame {
                     values,
                     imaginary,
                     quality,
@@ -121,15 +151,15 @@ impl Driver for Text {
             }
             Event::Skipped(_) => {
                 *asked = None;
-                on_found(Found::Cut);
+                on_decoded(Decoded::TruncatedFrame);
             }
             // rows of numbers outside of a frame are its cut rest
             Event::Line(line)
                 if line.starts_with(|c: char| c.is_ascii_alphabetic() || c == '!') =>
             {
-                on_found(Found::Notice(line));
+                on_decoded(Decoded::Notice(line));
             }
-            Event::Line(line) => on_found(Found::Damaged { bytes: line.len() as u64 }),
+            Event::Line(line) => on_decoded(Decoded::Damaged { bytes: line.len() as u64 }),
         });
     }
 

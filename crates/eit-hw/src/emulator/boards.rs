@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Device, Pace, ValueSource};
+use super::device::{Device, Pace, ValueSource};
 use crate::codec::text::Framing;
 use crate::driver::Board;
 use crate::frame::Quadruple;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Device, Pace, ValueSource};
+use super::device::{Device, Pace, ValueSource};
 use crate::codec::eits1::{
     Configuration, Decoder, Event, Information, Kind, Message, Refusal, encode, flags,
 };
@@ -51,7 +51,7 @@ impl Eits1Device {
         let rate = wanted.frame_rate_hz > 0.0
             && wanted.frame_rate_hz <= self.information.max_frame_rate_hz;
         if count == 0
-            || count > usize::from(self.information.most_measurements)
+            || count > usize::from(self.information.max_measurements)
             || !wanted.quadruples.iter().flatten().all(electrode)
             || !rate
         {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Device, Pace};
+use super::device::{Device, Pace};
 use crate::codec::sciospec::{
     Code, DataFrame, Decoder, Event, GROUP, Output, TAG_DATA, TAG_DEVICE, TAG_GET_SETUP, TAG_RESET,
     TAG_SET_OUTPUT, TAG_SET_SETUP, TAG_SYSTEM, encode, encode_data,

@@ -6,13 +6,11 @@ mod measure;
 pub use finding::{Finding, Severity, Trouble, Verdict};
 
 use self::measure::{drift, finite_median, flagged_shares, median, noise_std, open_electrodes};
-use super::reciprocity_error;
+use super::order::reciprocity_error;
 use crate::error::{HwError, Place};
 use crate::frame::{Quadruple, Quality};
 use crate::recording::MeasuredFrames;
 
-/// Median absolute deviation to standard deviation of a normal distribution.
-const MAD_TO_STD: f64 = 1.4826;
 /// A reciprocity error above this is a fault; see [`reciprocity_error`]: right orders with sound
 /// contacts are below 0.15 on every real recording at hand.
 const DOUBTED_ERROR: f64 = 0.2;
@@ -20,8 +18,6 @@ const DOUBTED_ERROR: f64 = 0.2;
 const CLEAR_FACTOR: f64 = 3.0;
 /// An electrode whose measurements are so many times as noisy as the rest.
 const NOISY_FACTOR: f64 = 4.0;
-/// The share of an electrode's values with a flag that is a fault of this electrode.
-const FLAGGED_SHARE: f64 = 0.5;
 /// The share of all values, or of frames, from which on a loss is told.
 const LOST_SHARE: f64 = 0.01;
 /// Relative error of the frame rate from which on it is told.

@@ -1,28 +1,28 @@
-//! Quiet frames of a live instrument, for the check of its health.
+//! Reference frames of a live instrument, for the check of its health.
 
 use std::time::{Duration, Instant};
 
 use ndarray::Array2;
 
-use super::{HealthReport, StreamFacts, check_health};
+use super::check::{HealthReport, StreamFacts, check_health};
 use crate::driver::{Event, FrameSource};
 use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
-use crate::recording::MeasuredFrames;
+use crate::recording::{MeasuredFrames, Unit};
 
-/// Frames during which nothing touched the skin, and what else was seen.
+/// Frames of the untouched skin, and what happened while they were measured.
 #[derive(Clone, Debug)]
-pub struct Quiet {
+pub struct ReferenceFrames {
     /// Their values, real parts.
     pub frames: MeasuredFrames,
     /// What was lost, and the rate that was asked for.
     pub facts: StreamFacts,
-    /// What the instrument and its driver said meanwhile.
+    /// Messages of the instrument and its driver meanwhile.
     pub notices: Vec<String>,
 }
 
-impl Quiet {
-    /// Checks them; `quadruples` are those of the frames.
+impl ReferenceFrames {
+    /// Checks them with [`check_health`]; `quadruples` are those of the frames.
     ///
     /// # Errors
     /// As [`check_health`].
@@ -31,15 +31,15 @@ impl Quiet {
     }
 }
 
-/// Takes `count` frames of one epoch, or as many as come within `limit`.
+/// Measures `count` frames of one epoch, or as many as come within `limit`.
 ///
 /// # Errors
 /// Those of the source: [`HwError::Lost`], [`HwError::Overflow`].
-pub fn measure_quiet(
+pub fn measure_reference_frames(
     source: &mut dyn FrameSource,
     count: usize,
     limit: Duration,
-) -> Result<Quiet, HwError> {
+) -> Result<ReferenceFrames, HwError> {
     let (start, mut taken, mut notices) = (Instant::now(), Vec::<Frame>::new(), Vec::new());
     let mut lost_frames = 0;
     while taken.len() < count && !source.is_over() {
@@ -64,11 +64,11 @@ pub fn measure_quiet(
     }
     let wanted_rate_hz = source.setup().frame_rate_hz;
     let facts = StreamFacts { lost_frames, wanted_rate_hz };
-    Ok(Quiet { frames: measured(&taken, source.setup().unit), facts, notices })
+    Ok(ReferenceFrames { frames: measured(&taken, source.setup().unit), facts, notices })
 }
 
 /// The frames as those of a recording.
-fn measured(frames: &[Frame], unit: crate::Unit) -> MeasuredFrames {
+fn measured(frames: &[Frame], unit: Unit) -> MeasuredFrames {
     // all of one source have as many values
     let shape = (frames.len(), frames.first().map_or(0, |frame| frame.values.len()));
     let value = |(row, column): (usize, usize)| frames[row].values.get(column).copied();

@@ -7,10 +7,11 @@
 
 use std::path::Path;
 
-pub use super::FrameOrientation;
-use super::{Format, file_bytes, table, text};
+use super::files::file_bytes;
+use super::{table, text};
 use crate::error::{HwError, Place};
-use crate::recording::{Layout, Note, Recording, Unit};
+pub use crate::recording::FrameOrientation;
+use crate::recording::{Format, Layout, Note, Recording, Unit};
 
 /// How a CSV file is laid out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -32,7 +33,7 @@ pub fn read(path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
 
 /// Frames of a CSV file with this content; `path` is for messages.
 ///
-/// The layout is [`Layout::AsScene`], the unit [`Unit::Arbitrary`].
+/// The layout is [`Layout::ProtocolOrder`], the unit [`Unit::Arbitrary`].
 ///
 /// # Errors
 /// [`HwError`] for an empty or binary file, a field that is no number, a NaN or infinite value, a
@@ -52,7 +53,7 @@ pub fn parse(bytes: &[u8], path: &Path, options: &CsvOptions) -> Result<Recordin
     let table = table::frames(rows.values, rows.columns, path, 0)?;
     let (real, imaginary) = table::oriented(table, orientation, complex, path)?;
     let mut recording =
-        Recording::new(real, imaginary, Layout::AsScene, Unit::Arbitrary, Format::Csv, path);
+        Recording::new(real, imaginary, Layout::ProtocolOrder, Unit::Arbitrary, Format::Csv, path);
     recording.frames_are = Some(orientation);
     recording.notes.extend(rows.header.map(|line| Note::HeaderLine { line }));
     recording.notes.extend(text::line_without_end(content).map(|line| Note::NoLineEnd { line }));

@@ -9,9 +9,10 @@
 
 use std::path::Path;
 
-use super::{Format, file_bytes, table};
+use super::files::file_bytes;
+use super::table;
 use crate::error::{At, HwError, Place};
-use crate::recording::{Layout, Note, Recording, SkipReason, Skipped, Unit};
+use crate::recording::{Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
 
 const ELECTRODES: usize = 16;
 /// Measured pairs of a drive: those without a driven electrode.
@@ -31,7 +32,7 @@ pub fn read(path: &Path) -> Result<Recording, HwError> {
 
 /// Frames of a `.get` file with this content; `path` is for messages.
 ///
-/// The layout is [`Layout::AsScene`] with 208 values. Bytes after the last whole frame are counted
+/// The layout is [`Layout::ProtocolOrder`] with 208 values. Bytes after the last whole frame are counted
 /// as one skipped frame.
 ///
 /// # Errors
@@ -73,7 +74,7 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     let filled = fill_by_reciprocity(&mut values);
     let real = table::frames(values, MEASUREMENTS, path, skipped.frames)?;
     let mut recording =
-        Recording::new(real, None, Layout::AsScene, Unit::Arbitrary, Format::Goe, path);
+        Recording::new(real, None, Layout::ProtocolOrder, Unit::Arbitrary, Format::Goe, path);
     recording.skipped = skipped;
     if filled {
         recording.notes.push(Note::FilledByReciprocity { values: MEASUREMENTS / 2 });

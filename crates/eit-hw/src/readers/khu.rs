@@ -16,10 +16,11 @@ mod table_log;
 
 use std::path::Path;
 
-use super::{Format, file_bytes, file_names, missing_numbers, table, text};
+use super::files::{file_bytes, file_names, missing_numbers};
+use super::{table, text};
 use crate::error::{HwError, Place};
 use crate::frame::Quality;
-use crate::recording::{Layout, Recording, Unit};
+use crate::recording::{Format, Layout, Recording, Unit};
 use table_log::ProjectionTable;
 
 /// Name of the file with the projections.

@@ -7,9 +7,10 @@
 
 use std::path::Path;
 
-use super::{Format, file_bytes, table, text};
+use super::files::file_bytes;
+use super::{table, text};
 use crate::error::{HwError, Place, shortened};
-use crate::recording::{Layout, Note, Recording, Unit};
+use crate::recording::{Format, Layout, Note, Recording, Unit};
 
 const MEND: &str = "export the file anew";
 
@@ -23,7 +24,7 @@ pub fn read(path: &Path) -> Result<Recording, HwError> {
 
 /// The frame of an LCT file with this content; `path` is for messages.
 ///
-/// The layout is [`Layout::AsScene`], complex, in [`Unit::Ohm`].
+/// The layout is [`Layout::ProtocolOrder`], complex, in [`Unit::Ohm`].
 ///
 /// # Errors
 /// [`HwError`] for an empty or binary file, a header without `#MEAS`, `Length`, `Electrodes` and
@@ -69,7 +70,7 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Recording, HwError> {
     let real = table::frames(real, header.length, path, 0)?;
     let imaginary = table::frames(imaginary, header.length, path, 0)?;
     let mut recording =
-        Recording::new(real, Some(imaginary), Layout::AsScene, Unit::Ohm, Format::Lct, path);
+        Recording::new(real, Some(imaginary), Layout::ProtocolOrder, Unit::Ohm, Format::Lct, path);
     recording.frequency_hz = Some(header.frequency_hz);
     recording.notes = notes;
     Ok(recording)

@@ -7,9 +7,10 @@ use std::path::Path;
 
 use ndarray::{Array2, ShapeBuilder};
 
-use super::{Format, FrameOrientation, file_bytes, table};
+use super::files::file_bytes;
+use super::table;
 use crate::error::{HwError, Place, shortened};
-use crate::recording::{Layout, Note, Recording, Unit};
+use crate::recording::{Format, FrameOrientation, Layout, Note, Recording, Unit};
 
 /// First bytes of every `.npy` file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
@@ -39,7 +40,7 @@ pub fn read(path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
 /// Integers of 1 to 8 bytes, floats of 4 and 8 and complex numbers of 8 and 16, in either byte and
 /// axis order. `[measurement]` is one frame, and so is, by [`FrameOrientation::Rows`], a matrix of
 /// one column (with a note); for other matrices see [`FrameOrientation`]. The layout is
-/// [`Layout::AsScene`], the unit [`Unit::Arbitrary`].
+/// [`Layout::ProtocolOrder`], the unit [`Unit::Arbitrary`].
 ///
 /// # Errors
 /// [`HwError`] for an empty file, a damaged header, another type or shape, more or fewer bytes than
@@ -83,7 +84,7 @@ pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recordin
         alternating
     };
     let mut recording =
-        Recording::new(real, imaginary, Layout::AsScene, Unit::Arbitrary, Format::Npy, path);
+        Recording::new(real, imaginary, Layout::ProtocolOrder, Unit::Arbitrary, Format::Npy, path);
     recording.frames_are = Some(orientation);
     if by_rows && matches!(shape[..], [_, 1]) {
         recording.notes.push(Note::OneColumn { rows: columns });

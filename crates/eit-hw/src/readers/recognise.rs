@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
+use super::files::file_names;
 use super::serial_log::{self, SerialLogOptions};
-use super::{Format, file_names, khu, npy, text};
+use super::{csv, khu, npy, text};
 use crate::error::{HwError, Place};
+use crate::recording::Format;
 
 /// The format of a folder.
 pub(super) fn folder(path: &Path) -> Result<Format, HwError> {
@@ -63,7 +65,7 @@ pub(super) fn file(
         .map(|(_, line)| line.split('#').next().unwrap_or_default().trim())
         .filter(|line| !line.is_empty())
         .take(2)
-        .any(|line| super::csv::first_field(line).parse::<f64>().is_ok());
+        .any(|line| csv::first_field(line).parse::<f64>().is_ok());
     if numbers { Ok(Format::Csv) } else { Err(unrecognised(path)) }
 }
 

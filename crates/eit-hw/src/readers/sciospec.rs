@@ -12,9 +12,10 @@ mod header;
 use std::collections::HashSet;
 use std::path::Path;
 
-use super::{Format, file_bytes, file_names, missing_numbers, table};
+use super::files::{file_bytes, file_names, missing_numbers};
+use super::table;
 use crate::error::{HwError, Place, shortened};
-use crate::recording::{Layout, Note, Recording, Unit};
+use crate::recording::{Format, Layout, Note, Recording, Unit};
 use frame::EitFrame;
 
 /// What to read of a Sciospec recording.
@@ -40,7 +41,7 @@ pub fn read(path: &Path, options: &SciospecOptions) -> Result<Recording, HwError
     for (_, name) in &files {
         let path = path.join(name);
         let bytes = file_bytes(&path, Format::Sciospec.name())?;
-        frames.push(EitFrame::parse(&bytes, &path, *options)?, &path)?;
+        frames.push(EitFrame::parse(&bytes, &path, options.frequency_row)?, &path)?;
     }
     let mut recording = frames.finish(path)?;
     recording.notes.extend(missing_numbers(files.iter().map(|(number, _)| *number)));
@@ -56,7 +57,7 @@ pub fn read(path: &Path, options: &SciospecOptions) -> Result<Recording, HwError
 /// within a drive.
 pub fn parse(bytes: &[u8], path: &Path, options: &SciospecOptions) -> Result<Recording, HwError> {
     let mut frames = Frames::default();
-    frames.push(EitFrame::parse(bytes, path, *options)?, path)?;
+    frames.push(EitFrame::parse(bytes, path, options.frequency_row)?, path)?;
     frames.finish(path)
 }
 

@@ -13,10 +13,11 @@ use std::path::Path;
 
 use ndarray::Zip;
 
-use super::{Format, file_bytes, table, text};
+use super::files::file_bytes;
+use super::{table, text};
 use crate::error::{At, HwError, Place};
 use crate::frame::Quality;
-use crate::recording::{Layout, Note, Recording, SkipReason, Skipped, Unit};
+use crate::recording::{Format, Layout, Note, Recording, SkipReason, Skipped, Unit};
 
 /// How a serial log is laid out.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,7 +47,7 @@ pub fn read(path: &Path, options: &SerialLogOptions) -> Result<Recording, HwErro
 
 /// Frames of a serial log with this content; `path` is for messages.
 ///
-/// The layout is [`Layout::AsScene`].
+/// The layout is [`Layout::ProtocolOrder`].
 ///
 /// # Errors
 /// [`HwError::Empty`], and [`HwError::NoFrames`] where no frame is whole.
@@ -62,7 +63,7 @@ pub fn parse(bytes: &[u8], path: &Path, options: &SerialLogOptions) -> Result<Re
     let count = options.lines_per_frame.saturating_mul(options.values_per_line);
     let real = table::frames(log.values, count, path, log.skipped.frames)?;
     let mut recording =
-        Recording::new(real, None, Layout::AsScene, Unit::Arbitrary, Format::SerialLog, path);
+        Recording::new(real, None, Layout::ProtocolOrder, Unit::Arbitrary, Format::SerialLog, path);
     if let Some(full_scale) = options.full_scale {
         Zip::from(&mut recording.quality).and(&recording.real).for_each(|quality, &value| {
             if value >= full_scale {
@@ -190,7 +191,7 @@ impl Log {
         }
         // only a separator or line end shows that the last number is whole
         let ended = bytes.last().is_some_and(u8::is_ascii_whitespace);
-        (found, (!ended).then_some(SkipReason::CutEnd))
+        (found, (!ended).then_some(SkipReason::TruncatedNumber))
     }
 
     /// Ends the open frame: it is whole, or it is skipped.

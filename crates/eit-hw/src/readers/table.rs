@@ -4,8 +4,8 @@ use std::path::Path;
 
 use ndarray::{Array2, ArrayView2, Axis, Slice};
 
-use super::FrameOrientation;
 use crate::error::{HwError, Place};
+use crate::recording::FrameOrientation;
 
 /// `values` as [frame, value].
 ///

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::readers::FrameOrientation;
+use super::orientation::FrameOrientation;
 
 /// What the numbers of values and frames in a file suggest where they do not fit the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use super::{CountHint, Layout};
+use super::hint::CountHint;
+use super::layout::Layout;
 use crate::error::{HwError, Place};
-use crate::frame::{Quadruple, Quality};
-use crate::health::unsigned;
+use crate::frame::{Quadruple, Quality, unsigned};
 
 /// Which real number a [`FrameMap`] takes of a complex value z = x + i y; that of a real one is x
 /// by every projection but `Imaginary` (which it does not have) and `Magnitude` (|x|).
@@ -72,10 +72,10 @@ impl FrameMap {
     /// The map from `value_count` values in this layout to the `count` measurements of a protocol.
     ///
     /// `quadruples` are those of the protocol, `None` if it has general current patterns; only
-    /// [`Layout::AsScene`] fits then. `source` names the recording or instrument in messages.
+    /// [`Layout::ProtocolOrder`] fits then. `source` names the recording or instrument in messages.
     ///
     /// # Errors
-    /// [`HwError::CountMismatch`] where [`Layout::AsScene`] has another number of values than the
+    /// [`HwError::CountMismatch`] where [`Layout::ProtocolOrder`] has another number of values than the
     /// protocol measurements; [`HwError::MissingDrive`], [`HwError::MissingMeasurement`] or
     /// [`HwError::MissingElectrode`] where the layout lacks some; [`HwError::NeedsQuadruples`],
     /// [`HwError::QuadrupleCount`]; [`HwError::Inconsistent`] where the layout does not have
@@ -99,10 +99,10 @@ impl FrameMap {
         }
         let needed = || quadruples.ok_or_else(|| HwError::NeedsQuadruples { place: place() });
         let picks = match layout {
-            Layout::AsScene if value_count == count => {
+            Layout::ProtocolOrder if value_count == count => {
                 (0..count).map(|plus| Pick { plus, minus: None, sign: 1.0 }).collect()
             }
-            Layout::AsScene => {
+            Layout::ProtocolOrder => {
                 return Err(HwError::CountMismatch {
                     place: place(),
                     found: value_count,

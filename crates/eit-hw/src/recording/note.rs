@@ -45,7 +45,7 @@ pub enum SkipReason {
     /// A value is no finite number.
     NotANumber,
     /// The file ends within its last number.
-    CutEnd,
+    TruncatedNumber,
     /// The file ends within a binary frame.
     Bytes {
         /// Bytes there are.
@@ -75,7 +75,7 @@ impl fmt::Display for SkipReason {
             Self::Lines { found, wanted } => write!(f, "{found} lines of {wanted}"),
             Self::Values { found, wanted } => write!(f, "{found} values in a line of {wanted}"),
             Self::NotANumber => f.write_str("a value is no finite number"),
-            Self::CutEnd => f.write_str("the file ends within a number"),
+            Self::TruncatedNumber => f.write_str("the file ends within a number"),
             Self::Bytes { found, wanted } => write!(f, "{found} bytes of {wanted}"),
         }
     }
@@ -144,16 +144,16 @@ pub enum Note {
         /// Messages that cannot be read.
         messages: usize,
         /// Bytes at the end that are no whole record.
-        cut_bytes: usize,
+        truncated_bytes: usize,
     },
 }
 
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Damaged { chunks, messages, cut_bytes } => write!(
+            Self::Damaged { chunks, messages, truncated_bytes } => write!(
                 f,
-                "damaged: {chunks} chunk(s) and {messages} message(s) left out, {cut_bytes} bytes cut \
+                "damaged: {chunks} chunk(s) and {messages} message(s) left out, {truncated_bytes} bytes cut \
                  off at the end"
             ),
             Self::HeaderLine { line } => write!(f, "line {line} holds no number: header skipped"),

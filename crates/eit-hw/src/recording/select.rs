@@ -4,7 +4,10 @@ use std::ops::Range;
 
 use ndarray::{Array2, CowArray, Ix2};
 
-use super::{CountHint, FrameMap, Projection, Recording, Unit};
+use super::file::Recording;
+use super::hint::CountHint;
+use super::layout::Unit;
+use super::map::{FrameMap, Projection};
 use crate::error::HwError;
 use crate::frame::{Frame, Quadruple, Quality};
 
@@ -114,7 +117,7 @@ impl Recording {
     /// The `count` measurements of a protocol, in its order.
     ///
     /// `quadruples` are those of the protocol, `None` if it has general current patterns; only a
-    /// recording with [`Layout::AsScene`](super::Layout::AsScene) fits then. See [`FrameMap`] for
+    /// recording with [`Layout::ProtocolOrder`](super::Layout::ProtocolOrder) fits then. See [`FrameMap`] for
     /// frames that come one by one.
     ///
     /// # Errors

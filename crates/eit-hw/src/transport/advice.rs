@@ -3,7 +3,7 @@
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
-use super::Endpoint;
+use super::endpoint::Endpoint;
 
 /// What to try, in words.
 pub(super) fn advice(endpoint: &Endpoint, error: &io::Error) -> String {

@@ -45,7 +45,7 @@ const LIMIT: Duration = Duration::from_secs(30);
 const WAIT: Duration = Duration::from_millis(200);
 
 fn quick() -> SessionSettings {
-    let reconnect = Some(Backoff { first_s: 0.01, most_s: 0.1, give_up_s: 25.0 });
+    let reconnect = Some(Backoff { initial_s: 0.01, max_s: 0.1, give_up_s: 25.0 });
     // room enough that nothing is dropped while other tests have the processor
     SessionSettings { capacity: 4096, reconnect, ..SessionSettings::default() }
 }

@@ -57,7 +57,7 @@ fn check_sciospec(frame: &Frame) {
 fn eits1_device(serial: &str) -> Eits1Device {
     let information = Information {
         electrodes: 8,
-        most_measurements: 64,
+        max_measurements: 64,
         max_frame_rate_hz: 1000.0,
         full_scale: f32::INFINITY,
         unit: Unit::Volt,

@@ -4,36 +4,36 @@ use std::time::Instant;
 
 use eit_hw::codec::eits1::Information;
 use eit_hw::codec::text;
-use eit_hw::driver::{Driver, Eits1, Event, Found, Sciospec, SciospecSettings, Session};
+use eit_hw::driver::{Decoded, Driver, Eits1, Event, Sciospec, SciospecSettings, Session};
 use eit_hw::emulator::{Eits1Device, Emulator, FaultPlan, Listen};
-use eit_hw::{Frame, Quadruple, Quality, Trouble, Unit, measure_quiet};
+use eit_hw::{Frame, Quadruple, Quality, Trouble, Unit, measure_reference_frames};
 
 use super::common::{point_electrode_disc, rotated};
 use super::{LIMIT, WAIT, eits1_frame, quick, sciospec_frame};
 
-/// What a driver finds, frames as (real parts, qualities).
+/// What a driver decodes, frames as (real parts, qualities).
 #[derive(Debug, Default)]
-struct Heard {
+struct Received {
     frames: Vec<(Vec<f64>, Vec<Quality>)>,
     times_s: Vec<f64>,
     counters: Vec<u64>,
-    cut: usize,
+    truncated: usize,
     damaged: u64,
 }
 
-fn hear(driver: &mut dyn Driver, bytes: &[u8]) -> Heard {
-    let mut heard = Heard::default();
-    driver.receive(bytes, &mut |found| match found {
-        Found::Frame(frame) => {
-            heard.frames.push((frame.values.to_vec(), frame.quality.to_vec()));
-            heard.times_s.extend(frame.device_time_s);
-            heard.counters.extend(frame.counter);
+fn receive(driver: &mut dyn Driver, bytes: &[u8]) -> Received {
+    let mut received = Received::default();
+    driver.receive(bytes, &mut |decoded| match decoded {
+        Decoded::Frame(frame) => {
+            received.frames.push((frame.values.to_vec(), frame.quality.to_vec()));
+            received.times_s.extend(frame.device_time_s);
+            received.counters.extend(frame.counter);
         }
-        Found::Cut => heard.cut += 1,
-        Found::Damaged { bytes } => heard.damaged += bytes,
+        Decoded::TruncatedFrame => received.truncated += 1,
+        Decoded::Damaged { bytes } => received.damaged += bytes,
         _ => {}
     });
-    heard
+    received
 }
 
 /// A driver of 32 electrodes with the drives (0, 1), (1, 2), (2, 3): six cells of 16 channels.
@@ -56,8 +56,8 @@ fn cells(list: &[(u8, u8)]) -> Vec<u8> {
 const WHOLE: [(u8, u8); 6] = [(1, 1), (1, 2), (2, 1), (2, 2), (3, 1), (3, 2)];
 
 /// Every value that is good is the one that was sent for its drive and electrode.
-fn check_cells(heard: &Heard) {
-    for (values, quality) in &heard.frames {
+fn check_cells(received: &Received) {
+    for (values, quality) in &received.frames {
         for (index, (value, quality)) in values.iter().zip(quality).enumerate() {
             let (drive, electrode) = (index / 32, index % 32);
             if quality.is_good() {
@@ -70,43 +70,44 @@ fn check_cells(heard: &Heard) {
     }
 }
 
-fn missing(heard: &Heard, frame: usize) -> usize {
-    heard.frames[frame].1.iter().filter(|quality| !quality.is_good()).count()
+fn missing(received: &Received, frame: usize) -> usize {
+    received.frames[frame].1.iter().filter(|quality| !quality.is_good()).count()
 }
 
 #[test]
 fn row_07_groups_missing_doubled_reordered_and_too_many() {
     let whole = cells(&WHOLE);
-    let heard = hear(&mut sciospec(), &whole.repeat(3));
-    check_cells(&heard);
-    assert_eq!((heard.frames.len(), missing(&heard, 1), heard.cut), (3, 0, 0));
+    let received = receive(&mut sciospec(), &whole.repeat(3));
+    check_cells(&received);
+    assert_eq!((received.frames.len(), missing(&received, 1), received.truncated), (3, 0, 0));
 
     // each cell missing once: 16 values are flagged, and the next frame is whole
     for gone in 0..WHOLE.len() {
         let mut list = WHOLE.to_vec();
         list.remove(gone);
-        let heard = hear(&mut sciospec(), &[whole.clone(), cells(&list), whole.repeat(2)].concat());
-        check_cells(&heard);
-        assert_eq!(heard.frames.len(), 4, "{gone}: {:?}", heard.cut);
-        assert_eq!(missing(&heard, 1), 16, "{gone}");
-        assert_eq!((missing(&heard, 2), missing(&heard, 3)), (0, 0), "{gone}");
+        let received =
+            receive(&mut sciospec(), &[whole.clone(), cells(&list), whole.repeat(2)].concat());
+        check_cells(&received);
+        assert_eq!(received.frames.len(), 4, "{gone}: {:?}", received.truncated);
+        assert_eq!(missing(&received, 1), 16, "{gone}");
+        assert_eq!((missing(&received, 2), missing(&received, 3)), (0, 0), "{gone}");
     }
     // each cell doubled: it starts a frame of its own, and nothing gets a wrong place
     for (again, &cell) in WHOLE.iter().enumerate() {
         let mut list = WHOLE.to_vec();
         list.insert(again, cell);
-        let heard = hear(&mut sciospec(), &[cells(&list), whole.repeat(2)].concat());
-        check_cells(&heard);
-        assert!(heard.frames.len() + heard.cut >= 3, "{again}");
-        assert_eq!(missing(&heard, heard.frames.len() - 1), 0, "{again}");
+        let received = receive(&mut sciospec(), &[cells(&list), whole.repeat(2)].concat());
+        check_cells(&received);
+        assert!(received.frames.len() + received.truncated >= 3, "{again}");
+        assert_eq!(missing(&received, received.frames.len() - 1), 0, "{again}");
     }
     // neighbours exchanged
     for first in 0..WHOLE.len() - 1 {
         let mut list = WHOLE.to_vec();
         list.swap(first, first + 1);
-        let heard = hear(&mut sciospec(), &[cells(&list), whole.repeat(2)].concat());
-        check_cells(&heard);
-        assert_eq!(missing(&heard, heard.frames.len() - 1), 0, "{first}");
+        let received = receive(&mut sciospec(), &[cells(&list), whole.repeat(2)].concat());
+        check_cells(&received);
+        assert_eq!(missing(&received, received.frames.len() - 1), 0, "{first}");
     }
     // more groups than there are electrodes, drives that nobody asked for, another frequency row
     let mut more = Vec::new();
@@ -116,28 +117,28 @@ fn row_07_groups_missing_doubled_reordered_and_too_many() {
             more.extend(cells(&[(drive, 3), (drive, 4)]));
         }
     }
-    let heard = hear(&mut sciospec(), &more.repeat(2));
-    check_cells(&heard);
-    assert_eq!((heard.frames.len(), missing(&heard, 1), heard.damaged), (2, 0, 0));
+    let received = receive(&mut sciospec(), &more.repeat(2));
+    check_cells(&received);
+    assert_eq!((received.frames.len(), missing(&received, 1), received.damaged), (2, 0, 0));
     let foreign = [whole.clone(), sciospec_frame(1, [9, 12], 1, 5), whole.clone()].concat();
-    let heard = hear(&mut sciospec(), &foreign);
-    check_cells(&heard);
-    assert!(heard.frames.len() == 2 && heard.damaged > 0);
+    let received = receive(&mut sciospec(), &foreign);
+    check_cells(&received);
+    assert!(received.frames.len() == 2 && received.damaged > 0);
     // one frequency is set up: data of another one is not of this frame
     let mut row = whole.clone();
     let other = sciospec_frame(2, [2, 3], 2, 5);
     let at = 3 * other.len();
     row.splice(at..at + other.len(), other.iter().copied());
-    let heard = hear(&mut sciospec(), &[row, whole].concat());
-    check_cells(&heard);
-    assert_eq!((heard.frames.len(), missing(&heard, 0), missing(&heard, 1)), (2, 16, 0));
-    assert!(heard.damaged > 0);
+    let received = receive(&mut sciospec(), &[row, whole].concat());
+    check_cells(&received);
+    assert_eq!((received.frames.len(), missing(&received, 0), missing(&received, 1)), (2, 16, 0));
+    assert!(received.damaged > 0);
 }
 
 fn information() -> Information {
     Information {
         electrodes: 16,
-        most_measurements: 256,
+        max_measurements: 256,
         max_frame_rate_hz: 1000.0,
         full_scale: 10.0,
         unit: Unit::Volt,
@@ -209,7 +210,7 @@ fn row_11_values_that_cannot_be_are_flagged() {
 #[test]
 fn row_11_all_zero_is_told_and_codes_of_openeit_never_reach_an_image() {
     let (_emulator, mut session) = session(|_, values| values.fill(0.0));
-    let quiet = measure_quiet(&mut session, 20, LIMIT).unwrap();
+    let quiet = measure_reference_frames(&mut session, 20, LIMIT).unwrap();
     let report = quiet.check(&rotated(16)).unwrap();
     assert!(report.findings.iter().any(|finding| finding.trouble == Trouble::Silent));
 
@@ -246,7 +247,8 @@ fn row_12_an_electrode_that_is_off_is_named() {
         }
     };
     let (_emulator, mut session) = session(open(5));
-    let report = measure_quiet(&mut session, 40, LIMIT).unwrap().check(&quadruples).unwrap();
+    let report =
+        measure_reference_frames(&mut session, 40, LIMIT).unwrap().check(&quadruples).unwrap();
     let electrodes: Vec<_> = report.findings.iter().filter_map(|f| f.electrode).collect();
     assert_eq!(electrodes, [5], "{:?}", report.findings);
     assert!(report.findings[0].to_string().contains("electrode 6"), "people count from 1");
@@ -266,7 +268,8 @@ fn row_12_a_bad_contact_is_named_by_reciprocity() {
             *slot = weak * disc[index] + wobble;
         }
     });
-    let report = measure_quiet(&mut session, 40, LIMIT).unwrap().check(&quadruples).unwrap();
+    let report =
+        measure_reference_frames(&mut session, 40, LIMIT).unwrap().check(&quadruples).unwrap();
     let named: Vec<_> = report.findings.iter().filter_map(|finding| finding.electrode).collect();
     assert_eq!(named, [9], "{:?}", report.findings);
     assert!(matches!(report.findings[0].trouble, Trouble::Contact { .. }));
@@ -279,20 +282,20 @@ fn row_13_sequences_and_clocks_wrap_and_go_back() {
     let sequences = [u32::MAX - 1, u32::MAX, 0, 1, 5, 5, 4, 6];
     let wire: Vec<u8> =
         sequences.iter().flat_map(|&s| eits1_frame(s, u64::from(s), &[0.5])).collect();
-    let heard = hear(&mut driver, &wire);
+    let received = receive(&mut driver, &wire);
     // 5 again and 4 after 5 are no new frames
-    let first = heard.counters[0];
-    let steps: Vec<_> = heard.counters.iter().map(|counter| counter - first).collect();
+    let first = received.counters[0];
+    let steps: Vec<_> = received.counters.iter().map(|counter| counter - first).collect();
     assert_eq!(steps, [0, 1, 2, 3, 7, 8]);
-    assert!(heard.damaged > 0);
+    assert!(received.damaged > 0);
     // a clock that goes back is the instrument's own; frames go on in their order
     let wire: Vec<u8> = [(7, 900), (8, 100), (9, 200)]
         .iter()
         .flat_map(|&(s, time_us)| eits1_frame(s, time_us, &[0.5]))
         .collect();
-    let heard = hear(&mut driver, &wire);
-    assert_eq!(heard.counters.iter().map(|c| c - first).collect::<Vec<_>>(), [9, 10, 11]);
-    assert!(heard.times_s[1] < heard.times_s[0]);
+    let received = receive(&mut driver, &wire);
+    assert_eq!(received.counters.iter().map(|c| c - first).collect::<Vec<_>>(), [9, 10, 11]);
+    assert!(received.times_s[1] < received.times_s[0]);
 
     // 32 bits of milliseconds wrap after 49.7 days
     let mut driver = sciospec();
@@ -302,9 +305,9 @@ fn row_13_sequences_and_clocks_wrap_and_go_back() {
             wire.extend(sciospec_frame(group, [drive, drive + 1], 1, time_ms));
         }
     }
-    let heard = hear(&mut driver, &wire);
+    let received = receive(&mut driver, &wire);
     let steps: Vec<_> =
-        heard.times_s.windows(2).map(|pair| (1e3 * (pair[1] - pair[0])).round()).collect();
+        received.times_s.windows(2).map(|pair| (1e3 * (pair[1] - pair[0])).round()).collect();
     assert_eq!(steps, [10.0, 16.0, 10.0]);
 }
 
@@ -319,9 +322,9 @@ fn row_16_a_changed_float_cannot_be_seen_unless_it_makes_no_sense() {
     for bit in 0..32 {
         let mut wire = whole.clone();
         wire[first + bit / 8] ^= 0x80 >> (bit % 8);
-        let heard = hear(&mut sciospec(), &[wire, whole.clone()].concat());
-        assert_eq!(missing(&heard, heard.frames.len() - 1), 0, "bit {bit}");
-        let damaged = &heard.frames[0];
+        let received = receive(&mut sciospec(), &[wire, whole.clone()].concat());
+        assert_eq!(missing(&received, received.frames.len() - 1), 0, "bit {bit}");
+        let damaged = &received.frames[0];
         let holes = damaged.1.iter().filter(|quality| !quality.is_good()).count();
         match holes {
             0 => {

@@ -4,14 +4,14 @@ use crate::error::SkinError;
 use crate::linearised::FittedFrames;
 use crate::noise::DataNoise;
 use crate::progress::Progress;
-use eit_denoise::{Evidence, Misfit};
+use eit_denoise::{DataConsistency, DataMisfit};
 use ndarray::{Array2, ArrayView2};
 use serde_json::{Value, json};
 
 /// The measurements behind a sequence of images.
 #[derive(Debug)]
 pub struct Check {
-    evidence: Evidence,
+    evidence: DataConsistency,
     /// NaN where a value is missing.
     differences: Array2<f64>,
 }
@@ -31,14 +31,14 @@ impl Check {
         &mut self,
         frame: usize,
         image: ArrayView2<'_, f64>,
-    ) -> Result<Misfit, SkinError> {
+    ) -> Result<DataMisfit, SkinError> {
         let row = self.differences.row(frame).to_vec();
         Ok(self.evidence.misfit(image, &row)?)
     }
 }
 
 /// The model that images are held against, with the noise of these frames.
-pub(super) fn evidence(fitted: &FittedFrames) -> Result<Evidence, SkinError> {
+pub(super) fn evidence(fitted: &FittedFrames) -> Result<DataConsistency, SkinError> {
     let FittedFrames { skin, frames, .. } = fitted;
     let noise = match fitted.noise()? {
         Some(noise) => noise,
@@ -48,7 +48,7 @@ pub(super) fn evidence(fitted: &FittedFrames) -> Result<Evidence, SkinError> {
     let std: Vec<f64> = used.map(|(std, used)| if *used { *std } else { f64::INFINITY }).collect();
     let raster = skin.raster(&mut Progress::silent())?;
     let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
-    Ok(Evidence::new(jacobian.view(), &std, raster.mask().view())?)
+    Ok(DataConsistency::new(jacobian.view(), &std, raster.mask().view())?)
 }
 
 /// Frames whose denoised image was put aside.

@@ -4,7 +4,7 @@ use super::{Net, check};
 use crate::error::SkinError;
 use crate::linearised::FittedFrames;
 use crate::progress::Progress;
-use eit_denoise::{DenoiseError, Denoiser, Evidence};
+use eit_denoise::{DenoiseError, Denoiser, DataConsistency};
 use eit_mesh::Raster;
 use ndarray::Array2;
 
@@ -14,7 +14,7 @@ pub struct LiveNet {
     net: Denoiser,
     sign: f64,
     /// With the limit of misfit, where the weights know theirs.
-    evidence: Option<(Evidence, f64)>,
+    evidence: Option<(DataConsistency, f64)>,
     raw: Array2<f64>,
     made: Array2<f64>,
 }

@@ -269,7 +269,7 @@ fn read(skin: &Skin, files: &[PathBuf]) -> Result<Loaded, SkinError> {
         if parts.is_empty() {
             marked_reference = recording.reference_frame;
         }
-        ordered_by_file &= !matches!(recording.layout, Layout::AsScene);
+        ordered_by_file &= !matches!(recording.layout, Layout::ProtocolOrder);
         parts.push(frames);
     }
     let frames = joined(parts)?;

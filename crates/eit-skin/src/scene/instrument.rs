@@ -174,7 +174,7 @@ impl InstrumentSettings {
             }
             "csv" => {
                 let format = TextFormat::csv(quadruples.len());
-                let board = Board::new("csv", DEFAULT_BAUD, format, Layout::AsScene);
+                let board = Board::new("csv", DEFAULT_BAUD, format, Layout::ProtocolOrder);
                 Ok(DriverKind::Board(Box::new(board)))
             }
             name if Board::PRESETS.contains(&name) => {

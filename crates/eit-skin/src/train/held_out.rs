@@ -3,7 +3,9 @@
 use super::sequences::Sequences;
 use crate::denoise::{Scores, scores};
 use crate::error::SkinError;
-use eit_denoise::{Denoiser, Evidence, ImageStack, Misfit, Shard, ThresholdRule, Weights};
+use eit_denoise::{
+    DataConsistency, DataMisfit, Denoiser, ImageStack, Shard, ThresholdRule, Weights,
+};
 use ndarray::{Array3, ArrayView2, Axis, concatenate};
 
 /// Part of the largest wanted value from which on something touches.
@@ -43,14 +45,14 @@ pub fn misfit_limit(
     sequences: &Sequences,
 ) -> Result<Option<f64>, SkinError> {
     let jacobian = sequences.pixel_jacobian()?;
-    let mut known: Vec<Misfit> = Vec::new();
+    let mut known: Vec<DataMisfit> = Vec::new();
     let peak = |image: ArrayView2<'_, f32>| image.iter().fold(0.0_f32, |most, v| v.max(most));
     let wanted = || held_out.iter().flat_map(|shard| shard.wanted.outer_iter());
     let most = wanted().map(peak).fold(0.0, f32::max);
     for shard in held_out {
         let Some(data) = &shard.data else { continue };
         let noise_std: Vec<f64> = data.noise_std.iter().map(|std| f64::from(*std)).collect();
-        let mut evidence = Evidence::new(jacobian.view(), &noise_std, shard.mask.view())?;
+        let mut evidence = DataConsistency::new(jacobian.view(), &noise_std, shard.mask.view())?;
         let mut net = Denoiser::new(weights, shard.mask.view())?;
         let raw = ImageStack::new(shard.raw.mapv(f64::from), shard.mask.clone())?;
         let made = net.denoise(&raw)?;
@@ -60,5 +62,5 @@ pub fn misfit_limit(
             known.push(evidence.misfit(image, &differences)?);
         }
     }
-    Ok(Misfit::limit(&known, NOT_BELIEVED))
+    Ok(DataMisfit::limit(&known, NOT_BELIEVED))
 }

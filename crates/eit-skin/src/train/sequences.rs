@@ -7,7 +7,7 @@ use crate::denoise::{Chain, Chained};
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::skin::Skin;
-use eit_denoise::{DiscSymmetry, MeasurementOrder, PixelTurn, Shard, ShardData};
+use eit_denoise::{DiscSymmetry, MeasurementOrder, RasterSymmetry, Shard, ShardData};
 use ndarray::{Array1, Array2};
 
 /// What all sequences share: the skin that reconstructs them, and its symmetries.
@@ -81,10 +81,10 @@ impl Sequences {
     }
 
     /// The symmetries that take pixels to pixels.
-    pub fn turns(&self) -> Vec<PixelTurn> {
+    pub fn turns(&self) -> Vec<RasterSymmetry> {
         let shared = &self.shared;
         let matrices = shared.symmetries.iter().map(|turned| shared.matrix(turned.symmetry));
-        matrices.filter_map(PixelTurn::of_matrix).collect()
+        matrices.filter_map(RasterSymmetry::of_matrix).collect()
     }
 
     /// The model behind the images, [measurement, masked pixel].

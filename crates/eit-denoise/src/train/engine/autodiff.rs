@@ -1,9 +1,9 @@
 //! The same net in burn's tensors, and its derivative by burn. Nothing here is shared with our
 //! kernels but the shape, the order of the parameters and the examples.
 
-use super::{Engine, Steps};
-use crate::train::Examples;
-use crate::train::examples::Turned;
+use super::choice::Engine;
+use super::steps::Steps;
+use crate::train::examples::{Examples, Turned};
 use crate::{DenoiseError, UnetShape};
 use burn_tensor::activation::relu;
 use burn_tensor::module::{conv2d, interpolate, max_pool2d};

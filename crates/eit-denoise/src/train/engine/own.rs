@@ -1,8 +1,7 @@
 //! Our kernels: examples shared out to threads, sums in the order of the examples.
 
-use super::Steps;
-use crate::train::Examples;
-use crate::train::examples::Turned;
+use super::steps::Steps;
+use crate::train::examples::{Examples, Turned};
 use crate::unet::{PackedNet, Tape};
 use crate::{DenoiseError, UnetShape};
 

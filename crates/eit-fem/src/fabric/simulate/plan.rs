@@ -3,9 +3,10 @@
 use crate::fabric::fabric_model::Fabric;
 use crate::fabric::instrument::open_contacts;
 use crate::fabric::piezo::PiezoLaw;
-use crate::fabric::random::{Purpose, Random, Waves};
+use crate::fabric::random_field::Waves;
 use crate::fabric::script::TouchScript;
 use crate::fabric::settings::FabricSettings;
+use crate::fabric::stream::Purpose;
 use eit_mesh::Raster;
 
 /// Waves of the uneven fabric, and of each drift.
@@ -30,14 +31,14 @@ impl Fabric {
         let electrodes = self.contact_impedance.len();
         let mut untouched_s = vec![self.conductivity_s; self.model.elements()];
         if weave.amplitude > 0.0 {
-            let mut random = Random::new(seed, Purpose::Weave, 0);
+            let mut random = Purpose::Weave.stream(seed, 0);
             let waves: Waves<2> = Waves::new(&mut random, weave.correlation_m, WEAVE_WAVES);
             for (sigma, c) in untouched_s.iter_mut().zip(self.mesh.surface().centroids()) {
                 *sigma *= (weave.amplitude * waves.at([c[0], c[1]])).exp();
             }
         }
-        let slow = |purpose, index, amplitude: f64| -> Vec<f64> {
-            let mut random = Random::new(seed, purpose, index);
+        let slow = |purpose: Purpose, index, amplitude: f64| -> Vec<f64> {
+            let mut random = purpose.stream(seed, index);
             let waves: Waves<1> = Waves::new(&mut random, drift.time_s, DRIFT_WAVES);
             let start = waves.at([0.0]);
             (0..frames).map(|f| amplitude * (waves.at([f as f64 / rate_hz]) - start)).collect()

@@ -10,7 +10,7 @@ pub struct Information {
     /// Electrodes it has.
     pub electrodes: u16,
     /// Most measurements of a frame it can send.
-    pub most_measurements: u16,
+    pub max_measurements: u16,
     /// Highest frame rate it can keep, for its own default configuration.
     pub max_frame_rate_hz: f32,
     /// Magnitude of its largest value, in its unit; infinite where it does not say.
@@ -38,7 +38,7 @@ impl Information {
         };
         let mut bytes = Vec::with_capacity(Self::FIXED_BYTES + name.len() + serial.len());
         bytes.extend(self.electrodes.to_le_bytes());
-        bytes.extend(self.most_measurements.to_le_bytes());
+        bytes.extend(self.max_measurements.to_le_bytes());
         bytes.extend(self.max_frame_rate_hz.to_le_bytes());
         bytes.extend(self.full_scale.to_le_bytes());
         bytes.extend([unit, u8::from(self.complex), name.len() as u8, serial.len() as u8]);
@@ -58,7 +58,7 @@ impl Information {
         let text = |bytes: &[u8]| std::str::from_utf8(bytes).ok().map(str::to_owned);
         Some(Self {
             electrodes: u16::from_le_bytes([e0, e1]),
-            most_measurements: u16::from_le_bytes([m0, m1]),
+            max_measurements: u16::from_le_bytes([m0, m1]),
             max_frame_rate_hz: f32::from_le_bytes([r0, r1, r2, r3]),
             full_scale: f32::from_le_bytes([s0, s1, s2, s3]),
             unit: match unit {

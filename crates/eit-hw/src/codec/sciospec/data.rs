@@ -1,7 +1,9 @@
 //! Data frames of Sciospec instruments.
 
-use super::{GROUP, LARGEST_V};
-
+/// Channels of a data frame.
+pub const GROUP: usize = 16;
+/// Values beyond this are no voltage of an instrument with a range of at most 10 V.
+const LARGEST_V: f32 = 20.0;
 /// What data frames hold beside the voltages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Output {

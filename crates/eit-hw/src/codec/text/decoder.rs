@@ -1,6 +1,6 @@
 //! Lines to frames.
 
-use super::{Framing, MAX_LINE_BYTES, TextFormat};
+use super::format::{Framing, MAX_LINE_BYTES, TextFormat};
 use crate::error::HwError;
 use crate::frame::Quality;
 
@@ -48,7 +48,7 @@ pub enum Fault {
     /// A line is longer than [`MAX_LINE_BYTES`].
     TooLong,
     /// The start of the line was not received.
-    CutStart,
+    TruncatedStart,
 }
 
 /// Decodes lines of numbers.
@@ -83,7 +83,7 @@ pub struct Decoder {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Line {
     Whole,
-    CutStart,
+    TruncatedStart,
     TooLong,
 }
 
@@ -99,7 +99,7 @@ impl Decoder {
         Ok(Self {
             format,
             line: Vec::with_capacity(1024),
-            line_is: Line::CutStart,
+            line_is: Line::TruncatedStart,
             lines: None,
             fault: None,
             numbers: Vec::with_capacity(numbers),
@@ -118,7 +118,7 @@ impl Decoder {
     /// request that was sent into silence.
     pub fn reset(&mut self, at_frame_start: bool) {
         self.line.clear();
-        self.line_is = if at_frame_start { Line::Whole } else { Line::CutStart };
+        self.line_is = if at_frame_start { Line::Whole } else { Line::TruncatedStart };
         let open = at_frame_start && matches!(self.format.framing, Framing::EndLine(_));
         self.lines = open.then_some(0);
         self.fault = None;
@@ -147,7 +147,7 @@ impl Decoder {
     fn take(&mut self, line: &[u8], on_event: &mut impl FnMut(Event<'_>)) {
         let cut = match self.line_is {
             Line::Whole => None,
-            Line::CutStart => Some(Fault::CutStart),
+            Line::TruncatedStart => Some(Fault::TruncatedStart),
             Line::TooLong => Some(Fault::TooLong),
         };
         if line.is_empty() {

@@ -1,6 +1,7 @@
 //! Formats of public boards, from their firmware; none was verified on hardware.
 
-use super::{Framing, Number, TextFormat};
+use super::format::{Framing, TextFormat};
+use super::number::Number;
 
 impl TextFormat {
     /// OpenEIT / Spectra (ADuCM350) with 8, 16 or 32 electrodes: `magnitudes: ` and 32, 192 or 896

@@ -1,8 +1,8 @@
 //! Data frames of 16 channels put together to frames of the protocol.
 
-use super::{Polarity, SciospecSettings, groups};
+use super::settings::{Polarity, SciospecSettings};
 use crate::codec::sciospec::{DataFrame, GROUP};
-use crate::driver::{Found, RawFrame};
+use crate::driver::decoded::{Decoded, RawFrame};
 use crate::frame::Quality;
 
 /// The share of drives that must agree on the polarity.
@@ -75,7 +75,7 @@ impl Assembly {
     }
 
     /// Takes one data frame.
-    pub(super) fn take(&mut self, data: &DataFrame, on_found: &mut dyn FnMut(Found<'_>)) {
+    pub(super) fn take(&mut self, data: &DataFrame, on_decoded: &mut dyn FnMut(Decoded<'_>)) {
         let Some([a, b]) = data.drive.map(|drive| drive.map(|electrode| u32::from(electrode) - 1))
         else {
             return;
@@ -83,11 +83,11 @@ impl Assembly {
         // some firmware may list a pair the other way round
         let same = |pair: &[u32; 2]| *pair == [a, b] || *pair == [b, a];
         let Some(drive) = self.drives.iter().position(same) else {
-            return on_found(Found::Damaged { bytes: 1 });
+            return on_decoded(Decoded::Damaged { bytes: 1 });
         };
         // one frequency is set up; some models call it 0
         if data.frequency_row.is_some_and(|row| row > 1) {
-            return on_found(Found::Damaged { bytes: 1 });
+            return on_decoded(Decoded::Damaged { bytes: 1 });
         }
         let group = usize::from(data.group) - 1;
         if group >= self.groups {
@@ -95,7 +95,7 @@ impl Assembly {
         }
         let cell = drive * self.groups + group;
         if self.filled_count > 0 && (self.filled[cell] || cell < self.last_cell) {
-            self.finish(on_found);
+            self.finish(on_decoded);
         }
         self.last_cell = cell;
         self.filled[cell] = true;
@@ -110,7 +110,7 @@ impl Assembly {
             self.quality[first + offset] = Quality::GOOD;
         }
         if self.filled_count == self.filled.len() {
-            self.finish(on_found);
+            self.finish(on_decoded);
         }
     }
 
@@ -122,16 +122,16 @@ impl Assembly {
         ((wraps << 32) + u64::from(time_ms)) as f64 * 1e-3
     }
 
-    fn finish(&mut self, on_found: &mut dyn FnMut(Found<'_>)) {
+    fn finish(&mut self, on_decoded: &mut dyn FnMut(Decoded<'_>)) {
         // of less than half a frame nothing can be made
         if 2 * self.filled_count < self.filled.len() {
-            on_found(Found::Cut);
+            on_decoded(Decoded::TruncatedFrame);
             return self.clear();
         }
         if self.sign.is_none() {
             let sign = self.measured_sign();
             self.sign = Some(sign.unwrap_or(1.0));
-            on_found(Found::Notice(match sign {
+            on_decoded(Decoded::Notice(match sign {
                 Some(1.0) => "polarity: current enters at the first electrode of a drive",
                 Some(_) => "polarity: current enters at the second electrode of a drive; corrected",
                 None => "polarity: not clear from this frame; taken as listed",
@@ -141,7 +141,7 @@ impl Assembly {
         for part in [&mut self.values, &mut self.imaginary] {
             part.iter_mut().for_each(|value| *value *= sign);
         }
-        on_found(Found::Frame(RawFrame {
+        on_decoded(Decoded::Frame(RawFrame {
             values: &self.values,
             imaginary: &self.imaginary,
             quality: &self.quality,
@@ -171,4 +171,9 @@ impl Assembly {
             None
         }
     }
+}
+
+/// Groups of 16 channels that hold the electrodes.
+pub(super) fn groups(electrodes: u32) -> usize {
+    (electrodes as usize).div_ceil(GROUP)
 }

@@ -4,10 +4,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use super::settings::SessionSettings;
 use super::stream::Stream;
-use super::{Event, SessionSettings};
+use crate::driver::decoded::Decoded;
+use crate::driver::interface::{Driver, connect};
 use crate::driver::queue::Queue;
-use crate::driver::{Driver, Found, Identity};
+use crate::driver::setup::Identity;
+use crate::driver::source::Event;
 use crate::error::HwError;
 use crate::transport::{Endpoint, Link};
 
@@ -75,11 +78,11 @@ impl Reader {
             let (queue, stream) = (&self.queue, &mut self.stream);
             if received > 0 {
                 queue.count(|statistics| statistics.bytes += received as u64);
-                self.driver.receive(&buffer[..received], &mut |found| {
-                    frames += u32::from(matches!(found, Found::Frame(_)));
+                self.driver.receive(&buffer[..received], &mut |decoded| {
+                    frames += u32::from(matches!(decoded, Decoded::Frame(_)));
                     // what comes after an end is another connection's
                     if end.is_none() {
-                        end = take(queue, stream, found);
+                        end = take(queue, stream, decoded);
                     }
                 });
             }
@@ -106,10 +109,10 @@ impl Reader {
     /// Looks for the instrument with growing waits; `None` where the session was stopped.
     fn find_again(&mut self, mut error: HwError) -> Result<Option<Link>, HwError> {
         let Some(backoff) = self.settings.reconnect else { return Err(error) };
-        let (start, mut wait_s) = (Instant::now(), backoff.first_s);
+        let (start, mut wait_s) = (Instant::now(), backoff.initial_s);
         loop {
             let until =
-                Instant::now() + Duration::from_secs_f64(wait_s.min(backoff.most_s).min(3600.0));
+                Instant::now() + Duration::from_secs_f64(wait_s.min(backoff.max_s).min(3600.0));
             while Instant::now() < until {
                 if self.quits() {
                     return Ok(None);
@@ -129,13 +132,13 @@ impl Reader {
             if start.elapsed().as_secs_f64() > backoff.give_up_s {
                 return Err(error);
             }
-            wait_s = (2.0 * wait_s).min(backoff.most_s);
+            wait_s = (2.0 * wait_s).min(backoff.max_s);
         }
     }
 
     fn attempt(&mut self) -> Result<Link, HwError> {
         let mut link = Link::open_until(&self.endpoint, Arc::clone(&self.quit))?;
-        let setup = crate::driver::connect(&mut *self.driver, &mut link)?;
+        let setup = connect(&mut *self.driver, &mut link)?;
         if setup.identity != self.identity {
             return Err(HwError::Identity {
                 endpoint: self.endpoint.to_string(),
@@ -154,10 +157,10 @@ enum TakeEnd {
     Restarted,
 }
 
-/// Takes one thing that the driver found.
-fn take(queue: &Queue, stream: &mut Stream, found: Found<'_>) -> Option<TakeEnd> {
-    match found {
-        Found::Frame(raw) => {
+/// Passes on what the driver decoded.
+fn take(queue: &Queue, stream: &mut Stream, decoded: Decoded<'_>) -> Option<TakeEnd> {
+    match decoded {
+        Decoded::Frame(raw) => {
             let Some((frame, lost)) = stream.frame(&raw, queue.spare()) else {
                 queue.count(|statistics| statistics.lost += 1);
                 queue.push(Event::Gap { frames: 1 });
@@ -169,16 +172,16 @@ fn take(queue: &Queue, stream: &mut Stream, found: Found<'_>) -> Option<TakeEnd>
             }
             return (!queue.push(Event::Frame(frame))).then_some(TakeEnd::Overflow);
         }
-        Found::Cut => {
+        Decoded::TruncatedFrame => {
             stream.next_sequence = stream.next_sequence.saturating_add(1);
             queue.count(|statistics| statistics.lost += 1);
             queue.push(Event::Gap { frames: 1 });
         }
-        Found::Damaged { bytes } => queue.count(|statistics| statistics.damaged_bytes += bytes),
-        Found::Notice(text) => {
+        Decoded::Damaged { bytes } => queue.count(|statistics| statistics.damaged_bytes += bytes),
+        Decoded::Notice(text) => {
             queue.push(Event::Notice(text.to_owned()));
         }
-        Found::Restarted => return Some(TakeEnd::Restarted),
+        Decoded::Restarted => return Some(TakeEnd::Restarted),
     }
     None
 }

@@ -3,9 +3,10 @@
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use super::SessionSettings;
+use super::settings::SessionSettings;
+use crate::driver::decoded::RawFrame;
 use crate::driver::quality::Marker;
-use crate::driver::{RawFrame, Setup};
+use crate::driver::setup::Setup;
 use crate::error::HwError;
 use crate::frame::{Frame, Quality};
 use crate::recording::{FrameMap, Projection};

@@ -1,8 +1,6 @@
 //! Boards by name, and how to talk to them.
 
-use super::Text;
-use crate::codec::text::{Decoder, TextFormat};
-use crate::driver::Driver;
+use crate::codec::text::TextFormat;
 use crate::error::HwError;
 use crate::frame::Quadruple;
 use crate::recording::{Layout, Unit};
@@ -115,32 +113,6 @@ impl Board {
             unit: Unit::Arbitrary,
             first_frame_s: 5.0,
         }
-    }
-
-    /// The driver of this board.
-    ///
-    /// # Errors
-    /// [`HwError::Setting`] where the format cannot be, or does not have as many values as the
-    /// layout.
-    pub fn driver(self) -> Result<Box<dyn Driver>, HwError> {
-        let count = self.format.measurements();
-        if let Some(found) = self.layout.value_count().filter(|&found| found != count) {
-            return Err(HwError::Setting {
-                name: "measurements of the layout",
-                value: found.to_string(),
-                wanted: "as many as a frame of the format has",
-            });
-        }
-        if !(self.first_frame_s > 0.0 && self.first_frame_s <= 3600.0) {
-            let value = self.first_frame_s.to_string();
-            return Err(HwError::Setting {
-                name: "first_frame_s",
-                value,
-                wanted: "above 0, to 3600",
-            });
-        }
-        let decoder = Decoder::new(self.format.clone())?;
-        Ok(Box::new(Text { board: self, decoder, asked: None }))
     }
 }
 

@@ -2,9 +2,13 @@
 
 use ndarray::ArrayView1;
 
-use super::{FLAGGED_SHARE, MAD_TO_STD};
 use crate::frame::{Quadruple, Quality};
 use crate::recording::MeasuredFrames;
+
+/// Median absolute deviation to standard deviation of a normal distribution.
+const MAD_TO_STD: f64 = 1.4826;
+/// The share of an electrode's values with a flag that is a fault of this electrode.
+const FLAGGED_SHARE: f64 = 0.5;
 
 /// Of the good pairs of successive values; NaN where there are fewer than three.
 pub(super) fn noise_std(values: ArrayView1<'_, f64>, quality: ArrayView1<'_, Quality>) -> f64 {

@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use super::SciospecOptions;
 use super::header::Header;
 use crate::error::{HwError, Place, shortened};
 use crate::readers::text;
@@ -22,18 +21,14 @@ pub(super) struct EitFrame {
 }
 
 impl EitFrame {
-    pub(super) fn parse(
-        bytes: &[u8],
-        path: &Path,
-        options: SciospecOptions,
-    ) -> Result<Self, HwError> {
+    pub(super) fn parse(bytes: &[u8], path: &Path, frequency_row: usize) -> Result<Self, HwError> {
         refuse_other_makers(bytes, path)?;
         let content = text::decode(bytes, path)?;
         let lines: Vec<_> = text::lines(content).collect();
         let header = Header::parse(&lines, path)?;
         let rows = header.frequencies;
-        if options.frequency_row >= rows {
-            let (place, row) = (Place::file(path), options.frequency_row);
+        if frequency_row >= rows {
+            let (place, row) = (Place::file(path), frequency_row);
             return Err(HwError::FrequencyRow { place, row, rows });
         }
         let mut body: Vec<_> = lines[header.lines..].to_vec();
@@ -50,23 +45,24 @@ impl EitFrame {
             real: Vec::new(),
             imaginary: Vec::new(),
             time_ms: header.time_ms,
-            frequency_hz: header.frequency_hz(options.frequency_row),
+            frequency_hz: header.frequency_hz(frequency_row),
             current_a: header.current_a,
         };
         for block in body.chunks(rows.saturating_add(1)) {
-            let (drive_line, lines) = (block[0], &block[1..]);
+            let (drive_number, drive_line) = block[0];
+            let lines = &block[1..];
             if lines.len() < rows {
                 return Err(HwError::Count {
-                    place: Place::line(path, drive_line.0),
+                    place: Place::line(path, drive_number),
                     what: "lines of potentials after this drive",
                     found: lines.len(),
                     wanted: rows,
                     mend: "the file is cut: copy it anew or move it away",
                 });
             }
-            let (number, line) = lines[options.frequency_row];
+            let (number, line) = lines[frequency_row];
             frame.push_potentials(line, number, path, &mut channels)?;
-            frame.drives.push(drive(drive_line, path, &channels)?);
+            frame.drives.push(drive(drive_line, drive_number, path, &channels)?);
         }
         text::require_end(content, path)?;
         frame.electrodes = channels.count();
@@ -167,11 +163,7 @@ impl Channels {
 }
 
 /// The electrodes of a line `a b`.
-fn drive(
-    (number, line): (usize, &str),
-    path: &Path,
-    channels: &Channels,
-) -> Result<[u32; 2], HwError> {
+fn drive(line: &str, number: usize, path: &Path, channels: &Channels) -> Result<[u32; 2], HwError> {
     let mut fields = line.split_whitespace();
     let mut next = || channels.electrode(fields.next()?.parse().ok()?);
     match (next(), next(), fields.next()) {

@@ -1,11 +1,11 @@
-//! Turns and mirror images that take the pixels of a square raster to pixels.
+//! Symmetries of a square raster: turns and mirror images that take pixels to pixels.
 
 use ndarray::ArrayView2;
 
-/// One of the eight symmetries of a square raster: a net that learns from an image turned by it
-/// learns from another touch, for nothing.
+/// One of the eight symmetries of a square raster, for data augmentation: a net that learns from an
+/// image turned by it learns from another touch, for nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct PixelTurn {
+pub struct RasterSymmetry {
     /// The new x axis is the old y axis.
     swapped: bool,
     /// Old x runs against its axis.
@@ -14,7 +14,7 @@ pub struct PixelTurn {
     flip_y: bool,
 }
 
-impl PixelTurn {
+impl RasterSymmetry {
     /// Of the linear map of places (x to the right, y up, rows of a 2 x 2 matrix, as
     /// [`crate::DiscSymmetry::matrix`] gives it); `None` where it does not take pixels to pixels:
     /// its entries are then not 0, 1 or -1 to rounding.
@@ -83,7 +83,7 @@ mod tests {
         };
         for (a, d) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
             for matrix in [[[a, 0.0], [0.0, d]], [[0.0, a], [d, 0.0]]] {
-                let turn = PixelTurn::of_matrix(matrix).unwrap();
+                let turn = RasterSymmetry::of_matrix(matrix).unwrap();
                 let mut made = Vec::new();
                 turn.append(&image, [n, n], &mut made);
                 for r in 0..n {
@@ -102,9 +102,9 @@ mod tests {
     #[test]
     fn a_turn_between_pixels_and_a_mask_without_the_symmetry_are_seen() {
         let (sin, cos) = (std::f64::consts::PI / 8.0).sin_cos();
-        assert_eq!(PixelTurn::of_matrix([[cos, -sin], [sin, cos]]), None);
-        assert_eq!(PixelTurn::of_matrix([[1.0, 0.0], [1.0, 0.0]]), None);
-        let quarter = PixelTurn::of_matrix([[0.0, -1.0], [1.0, 0.0]]).unwrap();
+        assert_eq!(RasterSymmetry::of_matrix([[cos, -sin], [sin, cos]]), None);
+        assert_eq!(RasterSymmetry::of_matrix([[1.0, 0.0], [1.0, 0.0]]), None);
+        let quarter = RasterSymmetry::of_matrix([[0.0, -1.0], [1.0, 0.0]]).unwrap();
         let mut mask = Array2::from_elem((4, 4), true);
         assert_eq!(quarter.differing(mask.view()), 0);
         mask[[0, 0]] = false;

@@ -1,4 +1,4 @@
-//! Does the image that a net made explain the measurements it came from?
+//! Data consistency: does the image that a net made explain the measurements it came from?
 //!
 //! A net draws what it has learnt, also from images that look like nothing it has seen. The
 //! linearised model knows better: pushed through it, a right image gives most of the measured
@@ -13,9 +13,10 @@ use ndarray::{Array2, ArrayView2};
 /// normal). A deviation that was measured on few quiet frames makes it more.
 const NOISE_DEVIATIONS: f64 = 4.0;
 
-/// The linear model of a skin's images, weighted by the noise of the measurements.
+/// Data consistency of images with their measurements: the linear model of a skin's images, weighted
+/// by the noise of the measurements.
 #[derive(Debug, Clone)]
-pub struct Evidence {
+pub struct DataConsistency {
     /// `W^1/2 J`, `[measurement][masked pixel]`, row by row.
     rows: Vec<f32>,
     /// `W^1/2`; 0 for a measurement that is not used.
@@ -27,16 +28,16 @@ pub struct Evidence {
 
 /// Energies of a frame in units of the noise: sums of squares over the measurements that are used.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Misfit {
+pub struct DataMisfit {
     /// `|W^1/2 dv|^2`.
     pub data: f64,
     /// What the image leaves unexplained: `|W^1/2 (dv - J x)|^2`.
-    pub left: f64,
+    pub residual: f64,
     /// Measurements used.
     pub measurements: usize,
 }
 
-impl Evidence {
+impl DataConsistency {
     /// For images on `mask` [row, column]: `jacobian` [measurement, masked pixel in row order] is in
     /// the differences' unit per image unit, `noise_std` the standard deviation of each difference,
     /// infinite for one that is not used.
@@ -91,7 +92,7 @@ impl Evidence {
         &mut self,
         image: ArrayView2<'_, f64>,
         differences: &[f64],
-    ) -> Result<Misfit, DenoiseError> {
+    ) -> Result<DataMisfit, DenoiseError> {
         if image.dim() != self.mask.dim() {
             let (images, mask) = (image.dim(), self.mask.dim());
             let (images, mask) = ([images.0, images.1], [mask.0, mask.1]);
@@ -113,16 +114,16 @@ impl Evidence {
         for (pixel, value) in self.pixels.iter_mut().zip(inside()) {
             *pixel = (value / scale) as f32;
         }
-        let mut misfit = Misfit { data: 0.0, left: 0.0, measurements: 0 };
+        let mut misfit = DataMisfit { data: 0.0, residual: 0.0, measurements: 0 };
         let rows = self.rows.chunks_exact(self.pixels.len());
         for ((row, weight), difference) in rows.zip(&self.root_weights).zip(differences) {
             if *weight == 0.0 || !difference.is_finite() {
                 continue;
             }
             let datum = weight * difference;
-            let left = datum - scale * f64::from(dot(row, &self.pixels));
+            let residual = datum - scale * f64::from(dot(row, &self.pixels));
             misfit.data += datum * datum;
-            misfit.left += left * left;
+            misfit.residual += residual * residual;
             misfit.measurements += 1;
         }
         Ok(misfit)
@@ -143,38 +144,38 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
     sums.iter().sum::<f32>() + rest
 }
 
-impl Misfit {
+impl DataMisfit {
     /// Energy that noise alone may have: `n + 4 sqrt(2 n)`, mean and four standard deviations of
     /// chi squared with `n` degrees.
-    pub fn noise(&self) -> f64 {
+    pub fn noise_bound(&self) -> f64 {
         let n = self.measurements as f64;
         n + NOISE_DEVIATIONS * (2.0 * n).sqrt()
     }
 
-    /// Unexplained part of the data's energy.
-    pub fn part(&self) -> f64 {
-        self.left / self.data
+    /// Unexplained share of the data's energy.
+    pub fn residual_share(&self) -> f64 {
+        self.residual / self.data
     }
 
-    /// How far from trust: what is left over what may be left, which is the part `limit` of the
-    /// data's energy, or noise. Up to 1 the image is believed. Where the data is noise and no drift,
+    /// The residual over what it may be, which is the share `limit` of the data's energy, or noise. Up
+    /// to 1 the image is consistent with its data. Where the data is noise and no drift,
     /// that is an image which claims no more than noise. Infinite without a measurement.
     pub fn score(&self, limit: f64) -> f64 {
         if self.measurements == 0 {
             return f64::INFINITY;
         }
-        self.left / (limit * self.data).max(self.noise())
+        self.residual / (limit * self.data).max(self.noise_bound())
     }
 
-    /// The part of unexplained energy that all but `share` of known frames keep: the limit for
-    /// [`Misfit::score`]. Frames within ten times the energy of noise say nothing; `None` where
+    /// The residual share that all but `share` of known frames keep: the limit for
+    /// [`DataMisfit::score`]. Frames within ten times the energy of noise say nothing; `None` where
     /// fewer than twenty others are left.
     pub fn limit(known: &[Self], share: f64) -> Option<f64> {
-        let strong = known.iter().filter(|misfit| misfit.data > 10.0 * misfit.noise());
-        let mut parts: Vec<f64> = strong.map(Self::part).collect();
-        parts.sort_by(f64::total_cmp);
-        let last = parts.len().checked_sub(1).filter(|_| parts.len() >= 20)?;
-        let at = ((1.0 - share) * parts.len() as f64) as usize;
-        parts.get(at.min(last)).copied()
+        let strong = known.iter().filter(|misfit| misfit.data > 10.0 * misfit.noise_bound());
+        let mut shares: Vec<f64> = strong.map(Self::residual_share).collect();
+        shares.sort_by(f64::total_cmp);
+        let last = shares.len().checked_sub(1).filter(|_| shares.len() >= 20)?;
+        let at = ((1.0 - share) * shares.len() as f64) as usize;
+        shares.get(at.min(last)).copied()
     }
 }

@@ -1,4 +1,4 @@
-//! What bytes look like that are not those of the driver: another device, or another baud rate.
+//! Diagnosis of a set-up without an answer: what the received bytes look like, and what to change.
 
 use crate::codec::{eits1, sciospec};
 use crate::error::HwError;
@@ -9,31 +9,33 @@ const LEAST_BYTES: usize = 48;
 /// The share of a text's bytes that are printed or end a line.
 const TEXT_SHARE: f64 = 0.98;
 
-/// The error of a set-up that had no answer, made plainer by what came instead.
-pub(super) fn explained(error: HwError, link: &mut Link) -> HwError {
+/// The error of a set-up without an answer, with a diagnosis of what was received instead.
+pub(super) fn explain(error: HwError, link: &mut Link) -> HwError {
     let HwError::NoReply { endpoint, driver, wanted, waited_s } = error else { return error };
-    let heard = link.heard();
-    let Some(what) = What::of(&heard).filter(|what| what.driver() != Some(driver)) else {
+    let received = link.recorded_input();
+    let Some(source) = Source::of(&received).filter(|source| source.driver() != Some(driver))
+    else {
         return HwError::NoReply { endpoint, driver, wanted, waited_s };
     };
-    let mend = what.mend(link.endpoint(), driver);
-    HwError::NotUnderstood { endpoint, bytes: heard.len(), wanted, what: what.words(driver), mend }
+    let (bytes, what) = (received.len(), source.description(driver));
+    let mend = source.remedy(link.endpoint(), driver);
+    HwError::NotUnderstood { endpoint, bytes, wanted, what, mend }
 }
 
-/// What bytes are.
+/// What sends the received bytes, as far as they tell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum What {
+enum Source {
     Eits1,
     Sciospec,
-    /// Lines, most of them of so many numbers.
+    /// Lines of text, most of them with this many numbers.
     Text {
         numbers: usize,
     },
     Noise,
 }
 
-impl What {
-    /// `None`: too few to tell.
+impl Source {
+    /// `None`: too few bytes to tell.
     fn of(bytes: &[u8]) -> Option<Self> {
         let mut messages = 0;
         eits1::Decoder::new().push(bytes, &mut |event| {
@@ -70,7 +72,7 @@ impl What {
         }
     }
 
-    fn words(self, driver: &str) -> String {
+    fn description(self, driver: &str) -> String {
         match self {
             Self::Eits1 => "messages of EITS-1".into(),
             Self::Sciospec => "data of a Sciospec instrument".into(),
@@ -82,7 +84,7 @@ impl What {
         }
     }
 
-    fn mend(self, endpoint: &Endpoint, driver: &str) -> String {
+    fn remedy(self, endpoint: &Endpoint, driver: &str) -> String {
         match (self, endpoint) {
             (Self::Eits1, _) => "set `[instrument] driver = \"eits1\"`".into(),
             (Self::Sciospec, _) => "set `[instrument] driver = \"sciospec\"`".into(),
@@ -126,10 +128,10 @@ mod tests {
     #[test]
     fn streams_are_told_apart() {
         let lines = "0.25,1.5,-3\r\n".repeat(20);
-        assert_eq!(What::of(lines.as_bytes()), Some(What::Text { numbers: 3 }));
-        assert_eq!(What::of(b"12,"), None);
+        assert_eq!(Source::of(lines.as_bytes()), Some(Source::Text { numbers: 3 }));
+        assert_eq!(Source::of(b"12,"), None);
         let noise: Vec<u8> = (0..200_u32).map(|i| (i * i * 31 + 128) as u8).collect();
-        assert_eq!(What::of(&noise), Some(What::Noise));
+        assert_eq!(Source::of(&noise), Some(Source::Noise));
         let mut wire = vec![0x77, 0];
         let message = eits1::Message {
             kind: eits1::Kind::Text,
@@ -140,7 +142,7 @@ mod tests {
             payload: b"hi",
         };
         eits1::encode(&message, &mut wire).unwrap();
-        assert_eq!(What::of(&wire), Some(What::Eits1));
+        assert_eq!(Source::of(&wire), Some(Source::Eits1));
         let mut wire = Vec::new();
         let data = sciospec::DataFrame {
             group: 1,
@@ -150,6 +152,6 @@ mod tests {
             potentials_v: [[0.5, 0.0]; 16],
         };
         sciospec::encode_data(&data, &mut wire);
-        assert_eq!(What::of(&wire), Some(What::Sciospec));
+        assert_eq!(Source::of(&wire), Some(Source::Sciospec));
     }
 }

@@ -1,0 +1,23 @@
+//! The streams of random numbers that the simulated fabric draws from.
+
+use super::random::Random;
+
+/// What numbers are for.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Purpose {
+    Script = 1,
+    Weave,
+    SheetDrift,
+    ContactDrift,
+    Loose,
+    NoiseLevel,
+    Gain,
+    Noise,
+}
+
+impl Purpose {
+    /// The stream of a seed for this purpose and an index within it (an electrode, a frame).
+    pub fn stream(self, seed: u64, index: usize) -> Random {
+        Random::stream(seed, (self as u128) << 64 | index as u128)
+    }
+}

@@ -1,0 +1,12 @@
+//! The MCAP container: how it begins, and its errors.
+
+use crate::error::{HwError, Place};
+
+/// First bytes of an MCAP file.
+pub(super) const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+
+/// What the container says, as an error of this crate.
+pub(super) fn container_error(place: Place, what: &impl ToString) -> HwError {
+    let what = what.to_string().replace(char::is_control, "?");
+    HwError::Container { place, what, mend: "record it anew" }
+}

@@ -1,0 +1,42 @@
+//! Files of a recording: their bytes, their names, and the numbers in the names.
+
+use std::fs;
+use std::path::Path;
+
+use crate::error::{HwError, Place};
+use crate::recording::Note;
+
+/// Bytes of a file; a folder is an error of its own.
+pub(super) fn file_bytes(path: &Path, format: &'static str) -> Result<Vec<u8>, HwError> {
+    if path.is_dir() {
+        return Err(HwError::Folder { place: Place::file(path), format });
+    }
+    fs::read(path).map_err(|source| HwError::Read { place: Place::file(path), source })
+}
+
+/// Names of the files of a folder, sorted. A name that is no text belongs to no format.
+pub(super) fn file_names(folder: &Path) -> Result<Vec<String>, HwError> {
+    let unreadable = |source| HwError::Read { place: Place::file(folder), source };
+    let mut names = Vec::new();
+    for entry in fs::read_dir(folder).map_err(unreadable)? {
+        names.extend(entry.map_err(unreadable)?.file_name().into_string());
+    }
+    names.sort();
+    Ok(names)
+}
+
+/// A note where sorted numbers have holes.
+pub(super) fn missing_numbers(numbers: impl Iterator<Item = u64>) -> Option<Note> {
+    let (mut count, mut first, mut before) = (0, None, None);
+    for number in numbers {
+        if let Some(before) = before {
+            let gap = number.saturating_sub(before).saturating_sub(1);
+            if gap > 0 {
+                first = first.or(Some(before + 1));
+                count += gap;
+            }
+        }
+        before = Some(number);
+    }
+    first.map(|first| Note::MissingFrameFiles { count, first })
+}

@@ -1,0 +1,79 @@
+//! Formats of recorded files, by name.
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::error::{HwError, shortened};
+
+/// A format of recorded files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Format {
+    /// Numbers as text, see [`csv`](crate::csv).
+    Csv,
+    /// NumPy array, see [`npy`](crate::npy).
+    Npy,
+    /// Sciospec `.eit` text frames, see [`sciospec`](crate::sciospec).
+    Sciospec,
+    /// Goe-MF II `.get`, see [`goe`](crate::goe).
+    Goe,
+    /// LCT text of Manchester, see [`lct`](crate::lct).
+    Lct,
+    /// KHU Mark2.5 scans, see [`khu`](crate::khu).
+    Khu,
+    /// Raw serial log of lines of decimals, see [`serial_log`](crate::serial_log).
+    SerialLog,
+    /// Recording of a live instrument in MCAP; read with the feature `mcap`.
+    Mcap,
+}
+
+impl Format {
+    /// Every format.
+    pub const ALL: [Self; 8] = [
+        Self::Csv,
+        Self::Npy,
+        Self::Sciospec,
+        Self::Goe,
+        Self::Lct,
+        Self::Khu,
+        Self::SerialLog,
+        Self::Mcap,
+    ];
+
+    /// Name in the scene file: `csv`, `npy`, `sciospec`, `goe`, `lct`, `khu`, `serial-log`,
+    /// `mcap`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Npy => "npy",
+            Self::Sciospec => "sciospec",
+            Self::Goe => "goe",
+            Self::Lct => "lct",
+            Self::Khu => "khu",
+            Self::SerialLog => "serial-log",
+            Self::Mcap => "mcap",
+        }
+    }
+
+    /// All names, for messages.
+    pub(crate) fn known() -> String {
+        Self::ALL.map(|format| format!("\"{format}\"")).join(", ")
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Format {
+    type Err = HwError;
+
+    fn from_str(name: &str) -> Result<Self, HwError> {
+        Self::ALL
+            .into_iter()
+            .find(|format| format.name() == name)
+            .ok_or_else(|| HwError::UnknownFormat { name: shortened(name), known: Self::known() })
+    }
+}

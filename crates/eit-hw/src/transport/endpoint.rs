@@ -1,0 +1,59 @@
+//! Where an instrument is.
+
+use std::fmt;
+
+use crate::error::HwError;
+
+/// The port or address of an instrument.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Endpoint {
+    /// A serial port with 8 data bits, no parity, one stop bit and no flow control.
+    Serial {
+        /// Its path or name, such as `/dev/ttyACM0` or `COM3`.
+        path: String,
+        /// Bits a second; USB CDC devices ignore it.
+        baud: u32,
+        /// Whether the line DTR is raised or lowered on opening; `None` leaves it. Some boards wait
+        /// for it, others restart on it.
+        dtr: Option<bool>,
+    },
+    /// A TCP server, `host:port`.
+    Tcp {
+        /// Its address.
+        address: String,
+    },
+}
+
+impl Endpoint {
+    /// The endpoint that a text names: `tcp:host:port`, else a serial port with this rate.
+    ///
+    /// # Errors
+    /// [`HwError::Setting`] for an empty name, a TCP address without port, or a rate of 0.
+    pub fn parse(text: &str, baud: u32) -> Result<Self, HwError> {
+        let refuse =
+            |wanted| Err(HwError::Setting { name: "port", value: format!("{text:?}"), wanted });
+        if let Some(address) = text.strip_prefix("tcp:") {
+            let port = address.rsplit_once(':').filter(|(host, _)| !host.is_empty());
+            return match port.map(|(_, port)| port.parse::<u16>()) {
+                Some(Ok(_)) => Ok(Self::Tcp { address: address.to_owned() }),
+                _ => refuse("`tcp:host:port`, such as `tcp:192.168.0.5:5000`"),
+            };
+        }
+        if text.trim().is_empty() {
+            return refuse("a serial port such as `/dev/ttyACM0` or `COM3`, or `tcp:host:port`");
+        }
+        if baud == 0 {
+            return Err(HwError::Setting { name: "baud", value: "0".into(), wanted: "a rate" });
+        }
+        Ok(Self::Serial { path: text.to_owned(), baud, dtr: None })
+    }
+}
+
+impl fmt::Display for Endpoint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Serial { path, .. } => f.write_str(path),
+            Self::Tcp { address } => write!(f, "tcp:{address}"),
+        }
+    }
+}
