@@ -14,16 +14,18 @@ mod greit;
 mod similarity;
 mod touches;
 mod track;
+mod watershed;
 
 pub use cells::Cells;
 pub use greit::{GreitFigures, GreitTarget, greit_figures};
 pub use similarity::{structural_similarity, structural_similarity_map};
 pub use touches::{Blob, TouchErrors, TouchSettings, blobs, touch_position_errors_m};
 pub use track::{artefact_energy, rms_second_difference_m};
+pub(crate) use watershed::{NONE, Watershed};
 
 use crate::InverseError;
-use crate::data::check_length;
-use crate::prior::distance_m;
+use crate::check::check_length;
+use crate::geometry::distance_m;
 use eit_mesh::Surface;
 
 /// Relative error of an image, both `[element]` (or pixel), 0 for the truth and 1 for an empty

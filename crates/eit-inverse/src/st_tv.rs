@@ -5,7 +5,7 @@
 //! | `batch` | [`StTv`]: set-up, whole sequences |
 //! | `stream`, `window` | [`StTvStream`]: a sliding window |
 //! | `weights`, `quiet` | weights from the noise, frames that hold nothing else |
-//! | `settings` | what a caller states |
+//! | `settings`, `gradient` | what a caller states |
 //! | `task`, `run` | one sequence in inner units; the two runs that find image and proof |
 //! | `engine`, `sweep`, `fit`, `step` | one iteration: its state; its passes; the exact data step; step sizes |
 //! | `certificate`, `passes` | primal value and lower bound of any iterate |
@@ -17,6 +17,7 @@ mod certificate;
 mod data;
 mod engine;
 mod fit;
+mod gradient;
 mod kernel;
 mod laplacian;
 mod operators;
@@ -33,7 +34,7 @@ mod weights;
 mod window;
 
 pub use batch::StTv;
-pub use quiet::noise_std_of_quiet_frames;
+pub use gradient::Gradient;
 pub use settings::{Fidelity, StTvSettings, Stop, StreamSettings};
 pub use stream::{StTvStream, StreamStep};
 pub use weights::{ChosenWeights, WeightPoint, WeightStatus};

@@ -1,7 +1,8 @@
 //! The minimisation of a calibration.
 
 use super::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
-use crate::data::{Channels, check_length};
+use crate::check::check_length;
+use crate::data::Channels;
 use crate::{DifferenceSettings, InverseError};
 use eit_fem::{ForwardModel, Geometry, Workspace};
 use faer::prelude::Solve;

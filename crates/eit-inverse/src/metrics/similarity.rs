@@ -1,7 +1,7 @@
 //! Structural similarity of an image and the truth.
 
 use crate::InverseError;
-use crate::data::{check_length, check_positive};
+use crate::check::{check_length, check_positive};
 use ndarray::{Array2, ArrayView2};
 
 /// Pixels on each side of a window's centre: windows are 11 x 11.

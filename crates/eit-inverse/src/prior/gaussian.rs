@@ -1,8 +1,9 @@
 //! Gaussian smoothness prior: covariance that falls with distance.
 
-use super::{Prior, distance_m, extent_m};
+use super::Prior;
 use crate::InverseError;
-use crate::data::{check_length, check_positive};
+use crate::check::{check_length, check_positive};
+use crate::geometry::{distance_m, extent_m};
 use eit_mesh::Surface;
 use ndarray::{Array2, ArrayView2};
 use std::collections::BTreeMap;

@@ -16,7 +16,7 @@
 mod mode;
 mod target;
 
-use crate::data::check_length;
+use crate::check::check_length;
 use crate::{Differences, InverseError};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::svd::{ComputeSvdVectors, svd, svd_scratch};

@@ -1,7 +1,7 @@
 //! Settings of spatio-temporal total variation.
 
 use crate::InverseError;
-use crate::data::{check_length, check_positive};
+use crate::check::{check_length, check_positive};
 use std::time::Duration;
 
 /// How the images are bound to the data.

@@ -11,7 +11,7 @@ use super::settings::{Fidelity, StreamSettings};
 use super::step;
 use super::window::{Outcome, Which, Window};
 use super::{StTv, quiet::quiet_threshold};
-use crate::data::{check_length, check_positive};
+use crate::check::{check_length, check_positive};
 use crate::{Certificate, InverseError, MovieStatus};
 use std::time::Instant;
 

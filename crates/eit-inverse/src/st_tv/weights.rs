@@ -2,7 +2,7 @@
 
 use super::kernel::LANES;
 use super::{Fidelity, StTv, Stop};
-use crate::data::check_positive;
+use crate::check::check_positive;
 use crate::{Differences, InverseError};
 use ndarray::Axis;
 use std::time::Instant;

@@ -14,7 +14,8 @@ mod select;
 mod solve;
 
 use super::bell::Bell;
-use crate::data::{Channels, check_positive};
+use crate::check::check_positive;
+use crate::data::Channels;
 use crate::{DifferenceSettings, InverseError};
 use eit_fem::ForwardModel;
 use eit_mesh::Surface;

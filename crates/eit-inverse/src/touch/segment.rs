@@ -1,8 +1,7 @@
 //! Blobs of an image above its noise floor: where, how strong, how certain.
 
 use super::noise::NoiseFloor;
-use super::watershed::{NONE, Watershed};
-use crate::metrics::{Cells, ChangeSign};
+use crate::metrics::{Cells, ChangeSign, NONE, Watershed};
 
 /// What tells a blob from noise, artefacts and its neighbours.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,7 +5,7 @@ use super::noise::{FalseAlarms, NoiseFloor};
 use super::segment::{Rules, Segmenter};
 use super::track::Tracker;
 use crate::InverseError;
-use crate::data::{check_length, check_positive};
+use crate::check::{check_length, check_positive};
 use crate::metrics::{Cells, ChangeSign};
 
 /// Settings of [`TouchStream`].

@@ -6,7 +6,7 @@ use super::filter::Filter;
 use super::noise::NoiseFloor;
 use super::segment::{Segmenter, Spot};
 use super::stream::TouchStreamSettings;
-use crate::prior::distance_m;
+use crate::geometry::distance_m;
 
 /// Cost of a pair that must not be: above any sum of gates.
 const NEVER: f64 = 1e7;

@@ -1,9 +1,9 @@
 //! Noise figure.
 
+use super::super::spectrum::Spectrum;
 use super::{Chosen, CurvePoint, HyperparameterStatus, curve};
-use crate::data::{check_length, check_positive};
-use crate::prior::{distance_m, extent_m};
-use crate::spectrum::Spectrum;
+use crate::check::{check_length, check_positive};
+use crate::geometry::{distance_m, extent_m};
 use crate::{InverseError, Reconstructor};
 use eit_mesh::Surface;
 use faer::{Col, ColRef};

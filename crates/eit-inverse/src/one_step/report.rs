@@ -1,6 +1,6 @@
 //! What a one-step reconstruction tells of itself.
 
-use crate::hyperparameter::HyperparameterStatus;
+use super::hyperparameter::HyperparameterStatus;
 
 /// What a reconstruction is and what it cost.
 #[derive(Debug, Clone, PartialEq)]

@@ -10,8 +10,8 @@ mod search;
 
 pub use noise_figure::NoiseTarget;
 
-use crate::data::check_positive;
-use crate::spectrum::{Decomposition, Spectrum};
+use super::spectrum::{Decomposition, Spectrum};
+use crate::check::check_positive;
 use crate::{InverseError, Reconstructor};
 use ndarray::ArrayView2;
 use search::logarithmic_grid;

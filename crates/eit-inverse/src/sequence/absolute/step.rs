@@ -1,9 +1,8 @@
 //! The minimisation of one frame's objective: Gauss-Newton steps in measurement space with a line
 //! search, see [`AbsoluteGaussNewton`].
 
-use super::absolute::AbsoluteGaussNewton;
-use super::absolute_settings::AbsoluteFrameReport;
-use crate::whitened::{covariance_times, weighted_rows};
+use super::{AbsoluteFrameReport, AbsoluteGaussNewton};
+use crate::one_step::{covariance_times, weighted_rows};
 use crate::{InverseError, MovieStatus};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::prelude::Solve;

@@ -12,9 +12,10 @@
 //! image is independent of the amplitudes and stays zero. Source: Adler, Dai, Lionheart, *Physiol.
 //! Meas.* 28 (2007), S1-S11, whose `K (x) P` this is.
 
-use crate::data::{Channels, check_positive};
-use crate::spectrum::Spectrum;
-use crate::whitened::{covariance_times, weighted_rows};
+use crate::check::check_positive;
+use crate::data::Channels;
+use crate::one_step::Spectrum;
+use crate::one_step::{covariance_times, weighted_rows};
 use crate::{DifferenceSettings, Differences, InverseError, Prior};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};

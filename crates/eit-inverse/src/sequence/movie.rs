@@ -1,7 +1,7 @@
 //! What every method that turns a sequence of frames into a movie has in common.
 
 use crate::InverseError;
-use crate::data::check_length;
+use crate::check::check_length;
 use ndarray::{Array2, ArrayView2};
 
 /// Difference data of a sequence of frames, with the channels of each frame that count.

@@ -1,6 +1,6 @@
 //! One-step Gauss-Newton, frame by frame.
 
-use crate::whitened::weighted_rows;
+use crate::one_step::weighted_rows;
 use crate::{
     Chosen, Difference, DifferenceSettings, Differences, HyperparameterChoice, InverseError, Movie,
     MovieMethod, MovieReport, MovieStatus, Prior, Workspace,

@@ -16,7 +16,7 @@ mod common;
 mod settings;
 
 use crate::InverseError;
-use crate::data::check_length;
+use crate::check::check_length;
 use common::Common;
 use ndarray::ArrayView2;
 pub use settings::ReferenceSettings;

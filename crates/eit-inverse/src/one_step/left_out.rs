@@ -17,9 +17,9 @@
 //! model `b ~ N(0, A + mu I)`; `G b` with a zeroed part is the usual leave-out identity, for
 //! example Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), section 5.4.2.
 
+use super::spectrum::Spectrum;
 use crate::InverseError;
 use crate::data::Channels;
-use crate::spectrum::Spectrum;
 use faer::dyn_stack::MemStack;
 use faer::linalg::cholesky::llt;
 use faer::linalg::matmul::matmul;

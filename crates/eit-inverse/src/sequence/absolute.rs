@@ -1,15 +1,21 @@
 //! Iterated Gauss-Newton on the non-linear forward model.
 
-use super::absolute_settings::{AbsoluteFrameReport, AbsoluteSettings};
-use super::absolute_step::{Data, dot};
-use super::bounded::Bounded;
+mod bounded;
+mod settings;
+mod step;
+
+pub use settings::{AbsoluteFrameReport, AbsoluteSettings};
+
 use super::modes::whiten;
-use crate::data::{Channels, check_positive};
-use crate::whitened::{covariance_times, weighted_rows};
+use crate::check::check_positive;
+use crate::data::Channels;
+use crate::one_step::{covariance_times, weighted_rows};
 use crate::{Differences, InverseError, Movie, MovieMethod, MovieReport, MovieStatus, Prior};
+use bounded::Bounded;
 use eit_fem::{ForwardModel, Workspace};
 use ndarray::{Array2, ArrayRef2};
 use std::time::Instant;
+use step::{Data, dot};
 
 /// How far two ways to the same row of `J P` may differ by rounding, relative to its largest entry.
 const SAME_ROW: f64 = 1e-6;
@@ -50,22 +56,22 @@ const SAME_ROW: f64 = 1e-6;
 /// 285-293 (iterated Gauss-Newton with priors); the form in measurement space: Adler, Dai,
 /// Lionheart, *Physiol. Meas.* 28 (2007), S1-S11.
 pub struct AbsoluteGaussNewton<'a> {
-    pub(super) model: &'a ForwardModel,
-    pub(super) prior: &'a dyn Prior,
-    pub(super) workspace: Workspace,
-    pub(super) channels: Channels,
-    pub(super) map: Vec<Bounded>,
-    pub(super) reference_s: Vec<f64>,
+    model: &'a ForwardModel,
+    prior: &'a dyn Prior,
+    workspace: Workspace,
+    channels: Channels,
+    map: Vec<Bounded>,
+    reference_s: Vec<f64>,
     /// `F(sigma_ref)`, volts, `[measurement]`.
-    pub(super) reference_v: Vec<f64>,
+    reference_v: Vec<f64>,
     /// Voltages of the latest forward solution, `[measurement]`.
-    pub(super) voltages_v: Vec<f64>,
+    voltages_v: Vec<f64>,
     /// `dF/dsigma`, `[measurement, element]`.
-    pub(super) jacobian: Array2<f64>,
+    jacobian: Array2<f64>,
     /// `mu = lambda^2 s`.
-    pub(super) noise_variance: f64,
-    pub(super) settings: AbsoluteSettings,
-    pub(super) reports: Vec<AbsoluteFrameReport>,
+    noise_variance: f64,
+    settings: AbsoluteSettings,
+    reports: Vec<AbsoluteFrameReport>,
 }
 
 impl<'a> AbsoluteGaussNewton<'a> {

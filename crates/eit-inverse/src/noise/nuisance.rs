@@ -1,7 +1,7 @@
 //! Unknowns that are not imaged, taken out of the data.
 
 use crate::InverseError;
-use crate::data::{check_length, check_positive};
+use crate::check::{check_length, check_positive};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, Par};
 use ndarray::{Array2, ArrayRef2};

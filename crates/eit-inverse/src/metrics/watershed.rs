@@ -1,6 +1,6 @@
 //! Hills of an image: connected parts above a floor, parted where two tops are worth it.
 
-use crate::metrics::Cells;
+use super::Cells;
 
 /// No hill.
 pub(crate) const NONE: u32 = u32::MAX;

@@ -1,13 +1,11 @@
 //! One-step difference Gauss-Newton.
 
-mod report;
-
-pub use report::Report;
-
-use crate::data::{Channels, FrameStatus, check_positive};
-use crate::hyperparameter::{Chosen, HyperparameterChoice, HyperparameterStatus};
-use crate::spectrum::Spectrum;
-use crate::whitened::{covariance_times, weighted_rows};
+use super::hyperparameter::{Chosen, HyperparameterChoice, HyperparameterStatus};
+use super::report::Report;
+use super::spectrum::Spectrum;
+use super::whitened::{covariance_times, weighted_rows};
+use crate::check::check_positive;
+use crate::data::{Channels, FrameStatus};
 use crate::{DifferenceSettings, InverseError, Prior, Reconstructor, Workspace};
 use eit_mesh::CsrMatrix;
 use faer::linalg::matmul::matmul;

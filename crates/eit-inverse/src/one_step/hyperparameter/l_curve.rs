@@ -1,8 +1,8 @@
 //! L-curve.
 
+use super::super::spectrum::{Decomposition, Spectrum};
 use super::search::minimise;
 use super::{Chosen, curve};
-use crate::spectrum::{Decomposition, Spectrum};
 
 pub(super) fn choose(spectrum: &Spectrum, data: &Decomposition) -> Chosen {
     let curve = curve(spectrum, data, |h| -curvature(spectrum, data, h));

@@ -1,7 +1,8 @@
 //! The whitened Jacobian and its product with a prior covariance: what every method in measurement
 //! space starts from.
 
-use crate::data::{Channels, check_length};
+use crate::check::check_length;
+use crate::data::Channels;
 use crate::{InverseError, Prior};
 use ndarray::{ArrayRef2, ArrayView2};
 

@@ -16,17 +16,17 @@
 //! say) serves here.
 
 mod absolute;
-mod absolute_settings;
-mod absolute_step;
-mod bounded;
 mod kalman;
 mod markov;
 mod modes;
+mod movie;
 mod one_step;
 mod time_prior;
 
-pub use absolute::AbsoluteGaussNewton;
-pub use absolute_settings::{AbsoluteFrameReport, AbsoluteSettings};
+pub use absolute::{AbsoluteFrameReport, AbsoluteGaussNewton, AbsoluteSettings};
 pub use kalman::{KalmanFilter, KalmanSettings, KalmanSmoother};
+pub use movie::{
+    Certificate, Differences, Movie, MovieMethod, MovieReport, MovieStatus, TracePoint,
+};
 pub use one_step::OneStep;
 pub use time_prior::{TimePrior, TimePriorSettings};

@@ -1,10 +1,11 @@
 //! Frames to images: the part that runs for every frame.
 //! Long because one type has every way from a frame to an image.
 
+use super::left_out::{Damping, LeftOut};
+use super::spectrum::Spectrum;
 use crate::InverseError;
-use crate::data::{Channels, FrameStatus, check_length};
-use crate::left_out::{Damping, LeftOut};
-use crate::spectrum::Spectrum;
+use crate::check::check_length;
+use crate::data::{Channels, FrameStatus};
 use eit_mesh::CsrMatrix;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};

@@ -40,7 +40,7 @@ impl Gradient {
     /// [`InverseError::WrongLength`] for a mask without a pixel; [`InverseError::OutOfRange`] for
     /// an edge that is not positive and finite.
     pub fn pixels(mask: &ArrayRef2<bool>, pixel_m: f64) -> Result<Self, InverseError> {
-        crate::data::check_positive("pixel_m", pixel_m)?;
+        crate::check::check_positive("pixel_m", pixel_m)?;
         let unknowns = mask.iter().filter(|inside| **inside).count();
         check_unknowns(unknowns)?;
         let mut index = ndarray::Array2::from_elem(mask.dim(), None);
@@ -158,7 +158,7 @@ impl Gradient {
     /// # Errors
     /// [`InverseError::WrongLength`].
     pub fn total_variation(&self, image: &[f64]) -> Result<f64, InverseError> {
-        crate::data::check_length("image", image.len(), self.unknowns)?;
+        crate::check::check_length("image", image.len(), self.unknowns)?;
         let difference = |row: usize| -> f64 {
             let (columns, values) = self.row(row);
             columns.iter().zip(values).map(|(&c, v)| v * image[c as usize]).sum()

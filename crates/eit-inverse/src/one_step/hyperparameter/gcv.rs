@@ -1,8 +1,8 @@
 //! Generalised cross-validation.
 
+use super::super::spectrum::{Decomposition, Spectrum};
 use super::search::minimise;
 use super::{Chosen, curve};
-use crate::spectrum::{Decomposition, Spectrum};
 
 pub(super) fn choose(spectrum: &Spectrum, data: &Decomposition) -> Chosen {
     let criterion = |hyperparameter: f64| function(spectrum, data, hyperparameter);

@@ -2,7 +2,7 @@
 
 use super::markov::{Belief, Markov, smooth};
 use super::modes::{Modes, whiten};
-use crate::data::check_length;
+use crate::check::check_length;
 use crate::{DifferenceSettings, Differences, InverseError, Movie, MovieMethod, Prior};
 use ndarray::ArrayRef2;
 

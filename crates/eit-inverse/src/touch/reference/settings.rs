@@ -1,7 +1,7 @@
 //! What a caller states of a reference that adapts.
 
 use crate::InverseError;
-use crate::data::check_positive;
+use crate::check::check_positive;
 
 /// Settings of [`AdaptiveReference`](crate::AdaptiveReference).
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,0 +1,7 @@
+//! The noise of the data: measured on quiet frames, and what else is unknown beside the image.
+
+mod estimate;
+mod nuisance;
+
+pub use estimate::noise_std_of_quiet_frames;
+pub use nuisance::SideUnknowns;
