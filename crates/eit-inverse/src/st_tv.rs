@@ -2,12 +2,12 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `batch` | [`StTv`]: set-up, whole sequences |
+//! | `batch`, `solve` | [`StTv`]: set-up, whole sequences |
 //! | `stream`, `window` | [`StTvStream`]: a sliding window |
 //! | `weights`, `quiet` | weights from the noise, frames that hold nothing else |
 //! | `settings`, `gradient` | what a caller states |
 //! | `task`, `run` | one sequence in inner units; the two runs that find image and proof |
-//! | `engine`, `sweep`, `fit`, `step` | one iteration: its state; its passes; the exact data step; step sizes |
+//! | `state`, `engine`, `sweep`, `fit`, `step` | the iterate; one iteration; its passes; the exact data step; step sizes |
 //! | `certificate`, `passes` | primal value and lower bound of any iterate |
 //! | `data`, `operators`, `laplacian` | what is computed once: compressed data, packed operators, a sparse factor |
 //! | `kernel`, `scalar` | inner loops along the frames, in `f32` or `f64` |
@@ -26,6 +26,8 @@ mod quiet;
 mod run;
 mod scalar;
 mod settings;
+mod solve;
+mod state;
 mod step;
 mod stream;
 mod sweep;

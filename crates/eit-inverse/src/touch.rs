@@ -12,7 +12,7 @@
 //! | `noise.rs`, `normal.rs` | [`NoiseFloor`]: threshold at a stated rate of false touches |
 //! | `segment.rs` | blobs of an image and where they are |
 //! | `assign.rs`, `filter.rs`, `track.rs` | optimal assignment, Kalman filter, names |
-//! | `stream.rs` | [`TouchStream`]: image in, touches out |
+//! | `stream.rs`, `settings.rs` | [`TouchStream`]: image in, touches out |
 //! | `skin.rs`, `bell.rs`, `fit.rs` | [`TouchFit`]: bells fitted to a frame, their number chosen |
 //! | `bound.rs` | [`cramer_rao`]: what no unbiased method can beat |
 //!
@@ -29,6 +29,7 @@ mod noise;
 mod normal;
 mod reference;
 mod segment;
+mod settings;
 mod skin;
 mod stream;
 mod track;
@@ -39,4 +40,5 @@ pub use contact::{Touch, TouchState};
 pub use fit::{FitResult, FitSettings, FitStatus, FittedTouch, TouchFit};
 pub use noise::{FalseAlarms, NoiseFloor};
 pub use reference::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};
-pub use stream::{TouchStream, TouchStreamSettings};
+pub use settings::TouchStreamSettings;
+pub use stream::TouchStream;

@@ -1,8 +1,8 @@
 //! Which measurements count and how much.
 
 use super::{DifferenceData, FrameStatus};
+use crate::InverseError;
 use crate::check::check_length;
-use crate::{DifferenceSettings, InverseError};
 
 /// Noise standard deviations below the largest one times this are refused: their squared weights
 /// would push every other measurement below the rounding of `J P J'`.
@@ -24,17 +24,22 @@ pub(crate) struct Channels {
 }
 
 impl Channels {
-    /// Checks the settings against a Jacobian of `count` rows.
-    pub(crate) fn new(count: usize, settings: &DifferenceSettings) -> Result<Self, InverseError> {
-        let used = used_indices(count, settings.used.as_deref())?;
-        let (root_weights, noise_scale) = match &settings.noise_std {
+    /// Of a Jacobian of `count` rows; `noise_std` and `used` are `[measurement]`.
+    pub(crate) fn new(
+        count: usize,
+        data: &DifferenceData,
+        noise_std: Option<&[f64]>,
+        used: Option<&[bool]>,
+    ) -> Result<Self, InverseError> {
+        let used = used_indices(count, used)?;
+        let (root_weights, noise_scale) = match noise_std {
             None => (vec![1.0; used.len()], None),
             Some(noise_std) => {
                 let (root_weights, largest) = root_weights(count, &used, noise_std)?;
                 (root_weights, Some(largest))
             }
         };
-        let model_voltages_v = match &settings.data {
+        let model_voltages_v = match data {
             DifferenceData::Plain => Vec::new(),
             DifferenceData::Normalised { model_voltages_v } => {
                 check_length("model_voltages_v", model_voltages_v.len(), count)?;

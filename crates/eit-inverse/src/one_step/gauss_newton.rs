@@ -61,7 +61,7 @@ impl Difference {
             return Err(InverseError::EmptyJacobian { measurements, elements });
         }
         check_positive("hyperparameter", settings.hyperparameter)?;
-        let channels = Channels::new(measurements, &settings)?;
+        let channels = settings.channels(measurements)?;
         let start = Instant::now();
         let weighted = weighted_rows(jacobian, &channels)?;
         let used = channels.used.len();

@@ -3,18 +3,20 @@
 //! All of them evaluate closed sums over the spectrum: `O(r)` per lambda, the noise figure `O(r n)`
 //! (one frame's work). Nothing is factorised again.
 
+mod chosen;
+mod curve;
 mod gcv;
 mod l_curve;
 mod noise_figure;
 mod search;
 
+pub use chosen::{Chosen, CurvePoint, HyperparameterStatus};
 pub use noise_figure::NoiseTarget;
 
 use super::spectrum::{Decomposition, Spectrum};
 use crate::check::check_positive;
 use crate::{InverseError, Reconstructor};
 use ndarray::ArrayView2;
-use search::logarithmic_grid;
 
 /// How lambda is chosen.
 ///
@@ -76,57 +78,6 @@ pub enum HyperparameterChoice<'a> {
     },
 }
 
-/// How a choice ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum HyperparameterStatus {
-    /// A given value.
-    Given,
-    /// The wanted noise figure is reached.
-    NoiseFigureReached,
-    /// The wanted noise figure lies outside what the scene allows; the nearest is used.
-    NoiseFigureUnreachable,
-    /// An extremum inside the range.
-    Interior,
-    /// The smallest lambda of the range: no noise was found in the data.
-    AtLowerEdge,
-    /// The largest lambda of the range: no signal was found in the data.
-    AtUpperEdge,
-}
-
-/// One point of the curve of a rule, for plots.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[non_exhaustive]
-pub struct CurvePoint {
-    /// Lambda.
-    pub hyperparameter: f64,
-    /// `|dv - J dsigma|_W`, root of the sum over frames, in the unit of `dv`: the weights are
-    /// relative to the largest `noise_std`. Divided by
-    /// [`Report::noise_scale`](crate::Report::noise_scale) it counts standard deviations: where
-    /// `noise_std` is right, noise alone gives the square the mean `frames * measurements_used`.
-    pub residual_norm: f64,
-    /// `|dsigma|_R`, root of the sum over frames, siemens times the unit of the root of `R`.
-    pub solution_norm: f64,
-    /// Noise figure, curvature of the L-curve, or generalised cross-validation function.
-    pub criterion: f64,
-}
-
-/// A chosen hyperparameter.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-pub struct Chosen {
-    /// Lambda.
-    pub hyperparameter: f64,
-    /// How the choice ended.
-    pub status: HyperparameterStatus,
-    /// The rule's criterion there (noise figure, curvature, cross-validation function); NaN for a
-    /// fixed value.
-    pub criterion: f64,
-    /// The curve over the whole range, ascending lambda, eight points per decade; empty for a fixed
-    /// value.
-    pub curve: Vec<CurvePoint>,
-}
-
 impl HyperparameterChoice<'_> {
     pub(crate) fn evaluate(
         &self,
@@ -178,21 +129,4 @@ fn decompose(
     } else {
         Err(InverseError::NoDifference { rule })
     }
-}
-
-/// The curve of a rule over the whole range.
-fn curve(
-    spectrum: &Spectrum,
-    data: &Decomposition,
-    mut criterion: impl FnMut(f64) -> f64,
-) -> Vec<CurvePoint> {
-    logarithmic_grid(spectrum.hyperparameter_range())
-        .into_iter()
-        .map(|hyperparameter| CurvePoint {
-            hyperparameter,
-            residual_norm: data.squared_residual(spectrum, hyperparameter).sqrt(),
-            solution_norm: data.squared_seminorm(spectrum, hyperparameter).sqrt(),
-            criterion: criterion(hyperparameter),
-        })
-        .collect()
 }

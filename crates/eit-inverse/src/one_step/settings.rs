@@ -1,6 +1,7 @@
 //! Settings of a one-step reconstruction.
 
-use crate::DifferenceData;
+use crate::data::Channels;
+use crate::{DifferenceData, InverseError};
 
 /// Settings of [`Difference`](crate::Difference).
 #[derive(Debug, Clone, PartialEq)]
@@ -29,5 +30,12 @@ pub struct DifferenceSettings {
 impl Default for DifferenceSettings {
     fn default() -> Self {
         Self { hyperparameter: 0.03, data: DifferenceData::Plain, noise_std: None, used: None }
+    }
+}
+
+impl DifferenceSettings {
+    /// The measurements that count, of a Jacobian of `count` rows.
+    pub(crate) fn channels(&self, count: usize) -> Result<Channels, InverseError> {
+        Channels::new(count, &self.data, self.noise_std.as_deref(), self.used.as_deref())
     }
 }

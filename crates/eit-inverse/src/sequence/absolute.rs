@@ -2,20 +2,18 @@
 
 mod bounded;
 mod settings;
+mod solve;
 mod step;
 
 pub use settings::{AbsoluteFrameReport, AbsoluteSettings};
 
-use super::modes::whiten;
 use crate::check::check_positive;
 use crate::data::Channels;
 use crate::one_step::{covariance_times, weighted_rows};
-use crate::{Differences, InverseError, Movie, MovieMethod, MovieReport, MovieStatus, Prior};
+use crate::{InverseError, Prior};
 use bounded::Bounded;
 use eit_fem::{ForwardModel, Workspace};
 use ndarray::{Array2, ArrayRef2};
-use std::time::Instant;
-use step::{Data, dot};
 
 /// How far two ways to the same row of `J P` may differ by rounding, relative to its largest entry.
 const SAME_ROW: f64 = 1e-6;
@@ -90,7 +88,7 @@ impl<'a> AbsoluteGaussNewton<'a> {
         settings: AbsoluteSettings,
     ) -> Result<Self, InverseError> {
         check_positive("hyperparameter", settings.difference.hyperparameter)?;
-        let channels = Channels::new(model.protocol().measurements(), &settings.difference)?;
+        let channels = settings.difference.channels(model.protocol().measurements())?;
         let mut workspace = model.workspace()?;
         let mut solution = model.solve(reference_s, &mut workspace)?;
         let (reference_v, jacobian) = (solution.measurements().to_vec(), solution.jacobian());
@@ -123,75 +121,6 @@ impl<'a> AbsoluteGaussNewton<'a> {
     pub fn frame_reports(&self) -> &[AbsoluteFrameReport] {
         &self.reports
     }
-
-    /// `W^1/2 dv` of a frame and its masked indices.
-    fn whiten(
-        &self,
-        frames: &Differences<'_>,
-        t: usize,
-    ) -> Result<(Vec<f64>, Vec<usize>), InverseError> {
-        let mut whitened = vec![0.0; self.channels.used.len()];
-        let mut masked = Vec::new();
-        let values = frames.values.row(t);
-        let good = |i: usize| frames.is_good(t, i);
-        whiten(&self.channels, t, |i| values[i], good, &mut whitened, &mut masked)?;
-        Ok((whitened, masked))
-    }
-}
-
-impl MovieMethod for AbsoluteGaussNewton<'_> {
-    fn name(&self) -> &'static str {
-        "gauss-newton-absolute"
-    }
-
-    /// `report.residual` is that of the model itself, `|W^1/2 (F(sigma) - F(sigma_ref) - dv)|`, and
-    /// `report.iterations` the sum over all frames; `report.status` the worst of any frame.
-    ///
-    /// # Errors
-    /// Besides those of the trait, what [`AbsoluteGaussNewton::new`] says of prior and model.
-    fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError> {
-        let start = Instant::now();
-        frames.check_shape(self.channels.count)?;
-        self.reports.clear();
-        let count = frames.values.nrows();
-        let mut images = Array2::zeros((count, self.map.len()));
-        let mut residual = Vec::with_capacity(count);
-        let unit = self.channels.noise_scale.unwrap_or(1.0);
-        let mut before = None;
-        for (t, mut image) in images.rows_mut().into_iter().enumerate() {
-            let (whitened, masked) = self.whiten(frames, t)?;
-            let data = Data { whitened: &whitened, masked: &masked };
-            let (point, report) = self.frame(before.as_ref(), &data)?;
-            for ((value, s), reference) in
-                image.iter_mut().zip(self.conductivity(&point.x)).zip(&self.reference_s)
-            {
-                *value = s - reference;
-            }
-            residual.push(dot(&point.residual, &point.residual).sqrt() / unit);
-            self.reports.push(report);
-            if masked.len() < self.channels.used.len() {
-                before = Some(point);
-            }
-        }
-        let report = MovieReport {
-            method: self.name(),
-            status: worst(&self.reports),
-            iterations: self.reports.iter().map(|report| report.iterations).sum(),
-            seconds: start.elapsed().as_secs_f64(),
-            residual,
-            certificate: None,
-            trace: Vec::new(),
-        };
-        Ok(Movie { images, report })
-    }
-}
-
-fn worst(reports: &[AbsoluteFrameReport]) -> MovieStatus {
-    let any = |status| reports.iter().any(|report| report.status == status);
-    [MovieStatus::Stalled, MovieStatus::IterationCap]
-        .into_iter()
-        .find(|&status| any(status))
-        .unwrap_or(MovieStatus::Converged)
 }
 
 /// `s = trace(W^1/2 J P J' W^1/2) / m`, from a prior that is the same for every Jacobian.
@@ -221,4 +150,8 @@ fn scale(
         return Err(InverseError::NoSensitivity { measurements: used });
     }
     Ok(scale)
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -47,7 +47,7 @@ impl Modes {
             return Err(InverseError::EmptyJacobian { measurements, elements });
         }
         check_positive("hyperparameter", settings.hyperparameter)?;
-        let channels = Channels::new(measurements, settings)?;
+        let channels = settings.channels(measurements)?;
         let used = channels.used.len();
         let weighted = weighted_rows(jacobian, &channels)?;
         let covariance = covariance_times(prior, &weighted, elements)?;

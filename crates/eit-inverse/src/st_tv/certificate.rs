@@ -21,11 +21,11 @@
 //! comes in, up to the rounding of this evaluation (about 1e-13 of the objective).
 
 use super::data::{Mode, Target};
-use super::engine::State;
 use super::laplacian::Laplacian;
 use super::operators::{BLOCK, Operators};
 use super::passes::{Analyse, Error, Excess, Subtract, Variation};
 use super::scalar::Scalar;
+use super::state::State;
 use pulp::Arch;
 
 /// Whether the data is in the objective or in the constraints.

@@ -1,10 +1,10 @@
 //! One iteration of a run, with its exact data step in the coordinates of each frame's mode.
 
 use super::certificate::{Fidelity, Problem, gather};
-use super::engine::{REFRESH, State, Steps};
 use super::kernel::RANKS;
 use super::operators::Operators;
 use super::scalar::Scalar;
+use super::state::{REFRESH, State, Steps};
 use super::step;
 use pulp::Arch;
 

@@ -3,11 +3,11 @@
 mod constant;
 
 use super::certificate::Evaluation;
-use super::engine::State;
 use super::fit::{self, Memory};
 use super::operators::Operators;
 use super::scalar::Scalar;
 use super::settings::Stop;
+use super::state::State;
 use super::step;
 use super::task::Task;
 use crate::{Movie, MovieStatus, TracePoint};

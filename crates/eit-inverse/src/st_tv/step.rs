@@ -1,9 +1,9 @@
 //! Step sizes, from norms alone.
 
 use super::certificate::Problem;
-use super::engine::State;
 use super::operators::Operators;
 use super::scalar::Scalar;
+use super::state::State;
 
 /// Share of the balanced step that is best to begin with, on the reference problems; a factor of
 /// two either way costs a tenth of the iterations.

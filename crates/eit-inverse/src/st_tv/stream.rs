@@ -5,9 +5,9 @@
 
 use super::certificate::Evaluation;
 use super::data::{Mode, ModeScratch, Target};
-use super::engine::State;
 use super::fit::{self, Memory};
 use super::settings::{Fidelity, StreamSettings};
+use super::state::State;
 use super::step;
 use super::window::{Outcome, Which, Window};
 use super::{StTv, quiet::quiet_threshold};

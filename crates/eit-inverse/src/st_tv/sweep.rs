@@ -2,10 +2,10 @@
 //!
 //! Long because the steps of one sweep share one layout and are inlined into one function.
 
-use super::engine::{PAD, RHO, State, Steps};
 use super::kernel::{LANES, PANEL, add_row, add_scaled, analyse, lanes, row, row_mut, synthesise};
 use super::operators::{BLOCK, Group, Operators};
 use super::scalar::Scalar;
+use super::state::{PAD, RHO, State, Steps};
 use pulp::{Simd, WithSimd};
 
 /// [`Steps`] in the iteration's type.

@@ -5,7 +5,7 @@ use super::contact::{Touch, TouchState};
 use super::filter::Filter;
 use super::noise::NoiseFloor;
 use super::segment::{Segmenter, Spot};
-use super::stream::TouchStreamSettings;
+use super::settings::TouchStreamSettings;
 use crate::geometry::distance_m;
 
 /// Cost of a pair that must not be: above any sum of gates.

@@ -1,8 +1,9 @@
 //! L-curve.
 
-use super::super::spectrum::{Decomposition, Spectrum};
+use super::chosen::Chosen;
+use super::curve::curve;
 use super::search::minimise;
-use super::{Chosen, curve};
+use crate::one_step::spectrum::{Decomposition, Spectrum};
 
 pub(super) fn choose(spectrum: &Spectrum, data: &Decomposition) -> Chosen {
     let curve = curve(spectrum, data, |h| -curvature(spectrum, data, h));

@@ -1,9 +1,10 @@
 //! Noise figure.
 
-use super::super::spectrum::Spectrum;
-use super::{Chosen, CurvePoint, HyperparameterStatus, curve};
+use super::chosen::{Chosen, CurvePoint, HyperparameterStatus};
+use super::curve::curve;
 use crate::check::{check_length, check_positive};
 use crate::geometry::{distance_m, extent_m};
+use crate::one_step::spectrum::Spectrum;
 use crate::{InverseError, Reconstructor};
 use eit_mesh::Surface;
 use faer::{Col, ColRef};

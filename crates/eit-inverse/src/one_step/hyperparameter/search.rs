@@ -1,6 +1,6 @@
 //! Searches over log lambda.
 
-use super::{Chosen, CurvePoint, HyperparameterStatus};
+use super::chosen::{Chosen, CurvePoint, HyperparameterStatus};
 
 /// Points per decade of lambda: the filters change over a decade, so no feature is narrower than
 /// a few points.

@@ -1,7 +1,7 @@
 //! The minimisation of one frame's objective: Gauss-Newton steps in measurement space with a line
 //! search, see [`AbsoluteGaussNewton`].
 
-use super::{AbsoluteFrameReport, AbsoluteGaussNewton};
+use super::{AbsoluteFrameReport, AbsoluteGaussNewton, dot};
 use crate::one_step::{covariance_times, weighted_rows};
 use crate::{InverseError, MovieStatus};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
@@ -36,7 +36,7 @@ struct Step {
 }
 
 /// A frame's data.
-pub(super) struct Data<'a> {
+pub(super) struct FrameData<'a> {
     /// `W^1/2 dv`, `[used]`, zero where masked.
     pub(super) whitened: &'a [f64],
     /// Masked indices into the used measurements.
@@ -54,7 +54,7 @@ impl AbsoluteGaussNewton<'_> {
         &mut self,
         x: Vec<f64>,
         precision_x: Vec<f64>,
-        data: &Data<'_>,
+        data: &FrameData<'_>,
     ) -> Result<Point, InverseError> {
         let conductivity = self.conductivity(&x);
         let solution = self.model.solve(&conductivity, &mut self.workspace)?;
@@ -102,7 +102,12 @@ impl AbsoluteGaussNewton<'_> {
     }
 
     /// The first point along a step that lowers the objective enough, and the solutions it took.
-    fn search(&mut self, from: &Point, step: &Step, data: &Data<'_>) -> (Option<Point>, usize) {
+    fn search(
+        &mut self,
+        from: &Point,
+        step: &Step,
+        data: &FrameData<'_>,
+    ) -> (Option<Point>, usize) {
         let along =
             |a: &[f64], b: &[f64], t: f64| a.iter().zip(b).map(|(a, b)| a + t * b).collect();
         for halvings in 0..=MAX_HALVINGS {
@@ -125,7 +130,7 @@ impl AbsoluteGaussNewton<'_> {
     fn start(
         &mut self,
         before: Option<&Point>,
-        data: &Data<'_>,
+        data: &FrameData<'_>,
     ) -> Result<(Point, usize), InverseError> {
         let zero = vec![0.0; self.map.len()];
         // at the reference the residual is the data: no solution needed
@@ -144,7 +149,7 @@ impl AbsoluteGaussNewton<'_> {
     pub(super) fn frame(
         &mut self,
         before: Option<&Point>,
-        data: &Data<'_>,
+        data: &FrameData<'_>,
     ) -> Result<(Point, AbsoluteFrameReport), InverseError> {
         let (mut point, mut forward_solves) = self.start(before, data)?;
         let (tolerance, cap) = (self.settings.relative_decrease, self.settings.max_iterations);
@@ -186,10 +191,6 @@ impl AbsoluteGaussNewton<'_> {
         };
         Ok((point, report))
     }
-}
-
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 fn column(values: &[f64]) -> ColRef<'_, f64> {

@@ -1,0 +1,63 @@
+//! Whole sequences: the two phases that lead to an image and to its certificate.
+
+use super::StTv;
+use super::run::Run;
+use super::settings::{Fidelity, Stop};
+use super::task::Task;
+use crate::check::check_positive;
+use crate::{Differences, InverseError, Movie, MovieMethod};
+use std::time::Instant;
+
+/// Gap below which rounding of `f32` shows.
+const SINGLE_PRECISION_GAP: f64 = 1e-4;
+
+impl StTv {
+    /// Solves for a whole sequence.
+    ///
+    /// Values are in the unit of the whitened problem: with `noise_std` the primal value counts
+    /// squared standard deviations, without it squares of `dv`.
+    ///
+    /// # Errors
+    /// Wrong shapes, no frame, a value of a good channel that is not finite, a `delta` that no
+    /// image can reach, a target gap that is not positive.
+    pub fn solve(&self, frames: &Differences<'_>, stop: &Stop) -> Result<Movie, InverseError> {
+        let settings = &self.settings;
+        let weights = (settings.lambda_space, settings.lambda_time, settings.fidelity);
+        self.solve_with(weights, frames, stop)
+    }
+
+    /// [`StTv::solve`] with other weights in space and time and another fidelity.
+    pub(crate) fn solve_with(
+        &self,
+        weights: (f64, f64, Fidelity),
+        frames: &Differences<'_>,
+        stop: &Stop,
+    ) -> Result<Movie, InverseError> {
+        let start = Instant::now();
+        frames.check(self.compression.measurements)?;
+        if frames.values.nrows() == 0 {
+            return Err(InverseError::WrongLength { what: "frames", found: 0, wanted: 1 });
+        }
+        check_positive("target_gap", stop.target_gap)?;
+        let task = Task::new(self, weights, frames)?;
+        if task.scale == 0.0 {
+            return Ok(task.nothing(start));
+        }
+        // a data constraint must hold, not nearly hold: rounding of f32 would cost objective
+        if stop.target_gap < SINGLE_PRECISION_GAP || !task.delta.is_empty() {
+            Ok(Run::new(&task, &self.double, start).finish(stop))
+        } else {
+            Ok(Run::new(&task, &self.single, start).finish(stop))
+        }
+    }
+}
+
+impl MovieMethod for StTv {
+    fn name(&self) -> &'static str {
+        if self.settings.lambda_time > 0.0 { "st-tv" } else { "tv" }
+    }
+
+    fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError> {
+        self.solve(frames, &self.stop)
+    }
+}
