@@ -455,21 +455,32 @@ fn background(model: &ForwardModel) -> Vec<f64> {
     vec![CONDUCTIVITY_S; model.elements()]
 }
 
-/// The background times a factor within 0.03 m of each place.
-fn touched(mesh: &Mesh, places: &[([f64; 2], f64)]) -> Vec<f64> {
+/// Where the conductivity is the background's times a factor.
+#[derive(Clone, Copy)]
+struct Patch {
+    at_m: [f64; 2],
+    factor: f64,
+}
+
+fn patch(at_m: [f64; 2], factor: f64) -> Patch {
+    Patch { at_m, factor }
+}
+
+/// The background times the factor of each patch within 0.03 m of it.
+fn touched(mesh: &Mesh, patches: &[Patch]) -> Vec<f64> {
     let factor = |c: [f64; 3]| {
-        let near = places.iter().find(|(p, _)| (c[0] - p[0]).hypot(c[1] - p[1]) < 0.03);
-        near.map_or(1.0, |place| place.1)
+        let is_near = |p: &&Patch| (c[0] - p.at_m[0]).hypot(c[1] - p.at_m[1]) < 0.03;
+        patches.iter().find(is_near).map_or(1.0, |patch| patch.factor)
     };
     mesh.surface().centroids().into_iter().map(|c| CONDUCTIVITY_S * factor(c)).collect()
 }
 
-/// Difference data `[frame, measurement]` of the places, one frame for each list.
-fn simulate(mesh: &Mesh, model: &ForwardModel, frames: &[&[([f64; 2], f64)]]) -> Array2<f64> {
+/// Difference data `[frame, measurement]` of the patches, one frame for each list.
+fn simulate(mesh: &Mesh, model: &ForwardModel, frames: &[&[Patch]]) -> Array2<f64> {
     let reference = model.forward(&background(model)).unwrap();
     let mut values = Array2::zeros((frames.len(), reference.len()));
-    for (mut row, places) in values.rows_mut().into_iter().zip(frames) {
-        row.assign(&(model.forward(&touched(mesh, places)).unwrap() - &reference));
+    for (mut row, patches) in values.rows_mut().into_iter().zip(frames) {
+        row.assign(&(model.forward(&touched(mesh, patches)).unwrap() - &reference));
     }
     values
 }
@@ -495,15 +506,15 @@ fn strong_contrast_from_a_finer_mesh_is_found_better_than_by_one_step() {
     let reference = background(&coarse);
     let jacobian = coarse.jacobian(&reference).unwrap();
     let prior = Laplace::new(mesh.surface(), &LaplaceSettings::default()).unwrap();
-    for (places, gain) in [
+    for (patches, gain) in [
         // an insulating patch, a tenth of the background; best errors 0.42 against 0.71
-        (&[([0.04, 0.02], 0.1)][..], 0.7),
+        (&[patch([0.04, 0.02], 0.1)][..], 0.7),
         // an insulator and a conductor; best errors 0.50 against 0.77
-        (&[([0.045, 0.02], 5.0), ([-0.045, -0.01], 0.2)][..], 0.8),
+        (&[patch([0.045, 0.02], 5.0), patch([-0.045, -0.01], 0.2)][..], 0.8),
     ] {
-        let values = simulate(&fine_mesh, &fine, &[places]);
+        let values = simulate(&fine_mesh, &fine, &[patches]);
         let truth: Vec<f64> =
-            touched(&mesh, places).iter().zip(&reference).map(|(s, r)| s - r).collect();
+            touched(&mesh, patches).iter().zip(&reference).map(|(s, r)| s - r).collect();
         let lambdas = [1e-3, 3e-3, 0.01, 0.03, 0.1, 0.3];
         let one = lambdas.map(|lambda| {
             let mut method = OneStep::new(&jacobian, &prior, &single(lambda)).unwrap();
@@ -539,11 +550,11 @@ fn small() -> Small {
     let (fine_mesh, fine) = model(8, 0.01);
     let (mesh, model) = model(8, 0.017);
     let reference = background(&model);
-    let touches: [&[([f64; 2], f64)]; 4] = [
-        &[([0.04, 0.02], 10.0)],
-        &[([0.04, 0.02], 10.0), ([-0.04, 0.01], 0.1)],
+    let touches: [&[Patch]; 4] = [
+        &[patch([0.04, 0.02], 10.0)],
+        &[patch([0.04, 0.02], 10.0), patch([-0.04, 0.01], 0.1)],
         &[],
-        &[([-0.04, 0.01], 0.3)],
+        &[patch([-0.04, 0.01], 0.3)],
     ];
     Small { mesh, values: simulate(&fine_mesh, &fine, &touches), model, reference }
 }

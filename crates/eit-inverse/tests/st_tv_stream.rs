@@ -150,11 +150,18 @@ fn allocates_nothing_after_set_up() {
     assert!(allocation_counter::measure(|| drop(black_box(vec![0_u8; 100]))).count_total > 0);
 }
 
-/// Images of every lagged frame of a sequence with masks.
-fn images(solver: &StTv, frames: &[(Vec<f64>, Option<Vec<bool>>)]) -> Vec<Vec<f64>> {
+/// Difference data with its good channels; `None`: all.
+#[derive(Clone)]
+struct MaskedFrame {
+    dv: Vec<f64>,
+    good: Option<Vec<bool>>,
+}
+
+/// Images of every lagged frame of a sequence.
+fn images(solver: &StTv, frames: &[MaskedFrame]) -> Vec<Vec<f64>> {
     let mut stream = stream_of(solver, 6, 2);
     let mut out = Vec::new();
-    for (dv, good) in frames {
+    for MaskedFrame { dv, good } in frames {
         let step = stream.push(dv, good.as_deref()).unwrap();
         out.extend(step.image.map(<[f64]>::to_vec));
     }
@@ -171,17 +178,18 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 fn a_lost_electrode_changes_the_data_not_the_sanity_of_the_image() {
     let scene = scene(30, NOISE);
     let solver = StTv::new(&scene.jacobian, &scene.gradient, settings(NOISE)).unwrap();
-    let clean: Vec<_> = scene.frames.iter().map(|dv| (dv.clone(), None)).collect();
+    let whole_frame = |dv: &Vec<f64>| MaskedFrame { dv: dv.clone(), good: None };
+    let clean: Vec<MaskedFrame> = scene.frames.iter().map(whole_frame).collect();
     // a sixth of the channels is gone from frame 12 on, and reads rubbish
     let mut damaged = clean.clone();
     let good: Vec<bool> = (0..MEASUREMENTS).map(|i| i % 6 != 0).collect();
-    for (dv, mask) in damaged.iter_mut().skip(12) {
-        for (value, good) in dv.iter_mut().zip(&good) {
+    for frame in damaged.iter_mut().skip(12) {
+        for (value, good) in frame.dv.iter_mut().zip(&good) {
             if !good {
                 *value = f64::NAN;
             }
         }
-        *mask = Some(good.clone());
+        frame.good = Some(good.clone());
     }
     let (whole, part) = (images(&solver, &clean), images(&solver, &damaged));
     for (f, (a, b)) in part.iter().zip(&whole).enumerate() {

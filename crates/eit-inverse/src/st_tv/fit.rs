@@ -21,7 +21,8 @@ pub(crate) struct Memory<'a> {
 
 /// One iteration with a primal step `tau`, before one with `next_tau`.
 pub(crate) fn iterate<T: Scalar>(
-    (arch, ops): (Arch, &Operators<T>),
+    arch: Arch,
+    ops: &Operators<T>,
     problem: &Problem<'_>,
     state: &mut State<T>,
     memory: Memory<'_>,

@@ -56,8 +56,8 @@ impl Gradient {
             }
             for neighbour in neighbours {
                 match neighbour {
-                    Some(n) => this.push_row(&[(pixel, -pixel_m), (n, pixel_m)]),
-                    None => this.push_row(&[]),
+                    Some(n) => this.push_row(&[pixel, n], &[-pixel_m, pixel_m]),
+                    None => this.push_row(&[], &[]),
                 }
             }
         }
@@ -80,7 +80,7 @@ impl Gradient {
             nodes.iter().for_each(|&n| areas[n as usize] += area / 3.0);
             let weights = nodal_gradient(surface.corners(t));
             for row in weights {
-                this.push_row(&[0, 1, 2].map(|k| (nodes[k], row[k])));
+                this.push_row(nodes, &row);
             }
         }
         this.areas = areas;
@@ -102,7 +102,7 @@ impl Gradient {
                 let Some(other) = neighbour.filter(|&n| n as usize > t) else { continue };
                 // side k runs from corner k to the next
                 let length = norm(subtract(corners[(k + 1) % 3], corners[k]));
-                this.push_row(&[(t as u32, -length), (other, length)]);
+                this.push_row(&[t as u32, other], &[-length, length]);
             }
         }
         Ok(this)
@@ -113,9 +113,9 @@ impl Gradient {
         Self { unknowns, components, row_starts: vec![0], columns, values, areas }
     }
 
-    fn push_row(&mut self, entries: &[(u32, f64)]) {
-        self.columns.extend(entries.iter().map(|e| e.0));
-        self.values.extend(entries.iter().map(|e| e.1));
+    fn push_row(&mut self, columns: &[u32], values: &[f64]) {
+        self.columns.extend_from_slice(columns);
+        self.values.extend_from_slice(values);
         self.row_starts.push(self.columns.len());
     }
 

@@ -168,8 +168,8 @@ impl<'a, T: Scalar> Run<'a, T> {
             }
         };
         let (images, residual) = (&self.best.images, &self.best.residual);
-        let end = (status, self.start);
-        self.task.movie(images, self.image.stride, residual, &self.trace, end)
+        let stride = self.image.stride;
+        self.task.movie(images, stride, residual, &self.trace, status, self.start)
     }
 
     /// Notes what is known now.
@@ -272,7 +272,7 @@ impl<'a, T: Scalar> Run<'a, T> {
         };
         let memory = Memory { columns, data_dual: &mut evaluation.data_dual };
         let problem = task.problem();
-        fit::iterate((task.solver.arch, ops), &problem, state, memory, taus, keep);
+        fit::iterate(task.solver.arch, ops, &problem, state, memory, taus, keep);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::StTv;
 use super::run::Run;
-use super::settings::{Fidelity, Stop};
+use super::settings::{Stop, Weights};
 use super::task::Task;
 use crate::check::check_positive;
 use crate::{Differences, InverseError, Movie, MovieMethod};
@@ -21,15 +21,13 @@ impl StTv {
     /// Wrong shapes, no frame, a value of a good channel that is not finite, a `delta` that no
     /// image can reach, a target gap that is not positive.
     pub fn solve(&self, frames: &Differences<'_>, stop: &Stop) -> Result<Movie, InverseError> {
-        let settings = &self.settings;
-        let weights = (settings.lambda_space, settings.lambda_time, settings.fidelity);
-        self.solve_with(weights, frames, stop)
+        self.solve_with(self.settings.weights(), frames, stop)
     }
 
-    /// [`StTv::solve`] with other weights in space and time and another fidelity.
+    /// [`StTv::solve`] with other weights.
     pub(crate) fn solve_with(
         &self,
-        weights: (f64, f64, Fidelity),
+        weights: Weights,
         frames: &Differences<'_>,
         stop: &Stop,
     ) -> Result<Movie, InverseError> {

@@ -554,8 +554,8 @@ impl StTvStream {
             let memory =
                 Memory { columns: &mut scratch.columns, data_dual: &mut evaluation.data_dual };
             let last = k + 1 == count;
-            let with = (solver.arch, &solver.single);
-            fit::iterate(with, &problem, state, memory, [tau; 2], last);
+            let (arch, ops) = (solver.arch, &solver.single);
+            fit::iterate(arch, ops, &problem, state, memory, [tau; 2], last);
         }
     }
 

@@ -3,7 +3,7 @@
 use super::batch::StTv;
 use super::certificate::{Fidelity as Terms, Parts, Problem};
 use super::data::MovieData;
-use super::settings::Fidelity;
+use super::settings::{Fidelity, Weights};
 use crate::{
     Certificate, Differences, Gradient, InverseError, Movie, MovieReport, MovieStatus, TracePoint,
 };
@@ -45,9 +45,10 @@ pub(crate) struct Task<'a> {
 impl<'a> Task<'a> {
     pub(crate) fn new(
         solver: &'a StTv,
-        (lambda_space, lambda_time, fidelity): (f64, f64, Fidelity),
+        weights: Weights,
         frames: &Differences<'_>,
     ) -> Result<Self, InverseError> {
+        let Weights { lambda_space, lambda_time, fidelity } = weights;
         let mut data = MovieData::new(&solver.compression, frames)?;
         let count = data.targets.len();
         let settings = &solver.settings;
@@ -166,7 +167,8 @@ impl<'a> Task<'a> {
         stride: usize,
         residual: &[f64],
         trace: &[TracePoint],
-        (status, start): (MovieStatus, Instant),
+        status: MovieStatus,
+        start: Instant,
     ) -> Movie {
         let unit = self.objective;
         let scaled = |point: &TracePoint| TracePoint {

@@ -17,7 +17,7 @@ mod settings;
 
 use crate::InverseError;
 use crate::check::check_length;
-use common::Common;
+use common::{Common, Held};
 use ndarray::ArrayView2;
 pub use settings::ReferenceSettings;
 
@@ -221,8 +221,8 @@ impl AdaptiveReference {
         if state == ReferenceState::Following {
             self.follow(frame, dt);
         } else if self.settings.common_mode {
-            let share = (&self.settings, self.held_s, dt, touched);
-            self.common.update(share, frame, &mut self.reference_v);
+            let held = Held { held_s: self.held_s, dt_s: dt, touched };
+            self.common.update(&self.settings, held, frame, &mut self.reference_v);
             chi_square = self.reduced_chi_square(frame, 1.0);
         }
         let held_s = if state == ReferenceState::Following { 0.0 } else { self.held_s };

@@ -95,7 +95,7 @@ impl TouchStream {
         let TouchStreamSettings { sign, relative_floor, prominence, .. } = self.settings;
         let rules = Rules { sign, level: self.level, relative_floor, prominence };
         self.dropped = self.segmenter.run(image, &self.floor, &rules);
-        self.tracker.run(&self.segmenter, (time_s, dt), &self.settings, self.effective_cells);
+        self.tracker.run(&self.segmenter, time_s, dt, &self.settings, self.effective_cells);
         Ok(&self.tracker.touches)
     }
 
@@ -109,7 +109,7 @@ impl TouchStream {
         let dt = self.advance(time_s)?;
         self.dropped = 0;
         self.segmenter.clear();
-        self.tracker.run(&self.segmenter, (time_s, dt), &self.settings, self.effective_cells);
+        self.tracker.run(&self.segmenter, time_s, dt, &self.settings, self.effective_cells);
         Ok(&self.tracker.touches)
     }
 

@@ -65,7 +65,8 @@ impl Tracker {
     pub(super) fn run(
         &mut self,
         segmenter: &Segmenter,
-        (time_s, dt): (f64, f64),
+        time_s: f64,
+        dt: f64,
         settings: &TouchStreamSettings,
         effective_cells: f64,
     ) {

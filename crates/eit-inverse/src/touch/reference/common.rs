@@ -5,6 +5,17 @@ use super::ReferenceSettings;
 /// Part of the channels, those that a touch changes least, in which the common factor is sought.
 const UNTOUCHED: f64 = 0.3;
 
+/// A frame while the reference stands still.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Held {
+    /// For how long it has, seconds.
+    pub(super) held_s: f64,
+    /// Time since the last frame, seconds.
+    pub(super) dt_s: f64,
+    /// Whether a touch is reported.
+    pub(super) touched: bool,
+}
+
 /// The common factor under contact.
 #[derive(Debug, Clone)]
 pub(super) struct Common {
@@ -37,11 +48,12 @@ impl Common {
     /// Follows the common factor; the reference has the one before in it and gets the new one.
     pub(super) fn update(
         &mut self,
-        (settings, held_s, dt, touched): (&ReferenceSettings, f64, f64, bool),
+        settings: &ReferenceSettings,
+        held: Held,
         frame: &[f64],
         reference: &mut [f64],
     ) {
-        if held_s < settings.settle_s {
+        if held.held_s < settings.settle_s {
             return;
         }
         let change =
@@ -60,8 +72,8 @@ impl Common {
         }
         // a fifth of the time constant: faster than drift, slower than noise and fingers. Once
         // nothing is reported to touch, the touch has no share any more
-        let weight = -(-5.0 * dt / settings.time_constant_s).exp_m1();
-        let share = if touched { self.touch_share } else { 0.0 };
+        let weight = -(-5.0 * held.dt_s / settings.time_constant_s).exp_m1();
+        let share = if held.touched { self.touch_share } else { 0.0 };
         let more = 1.0 + weight * ((1.0 + self.median(&change)) / (1.0 + share) - 1.0);
         self.factor *= more;
         reference.iter_mut().for_each(|v| *v *= more);
