@@ -6,25 +6,26 @@
 //! | `stream`, `window` | [`StTvStream`]: a sliding window |
 //! | `weights`, `quiet` | weights from the noise, frames that hold nothing else |
 //! | `settings`, `gradient` | what a caller states |
-//! | `task`, `run` | one sequence in inner units; the two runs that find image and proof |
+//! | `task`, `problem`, `run` | one sequence in inner units; what of it is solved; the two runs that find image and proof |
 //! | `state`, `engine`, `sweep`, `fit`, `step` | the iterate; one iteration; its passes; the exact data step; step sizes |
 //! | `certificate`, `passes` | primal value and lower bound of any iterate |
 //! | `data`, `operators`, `laplacian` | what is computed once: compressed data, packed operators, a sparse factor |
-//! | `kernel`, `scalar` | inner loops along the frames, in `f32` or `f64` |
+//! | `kernel`, `float` | inner loops along the frames, in `f32` or `f64` |
 
 mod batch;
 mod certificate;
 mod data;
 mod engine;
 mod fit;
+mod float;
 mod gradient;
 mod kernel;
 mod laplacian;
 mod operators;
 mod passes;
+mod problem;
 mod quiet;
 mod run;
-mod scalar;
 mod settings;
 mod solve;
 mod state;

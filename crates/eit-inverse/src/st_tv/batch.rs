@@ -1,10 +1,10 @@
 //! The solver of one linearised skin: its set-up and settings.
 
-use super::certificate::Parts;
 use super::data::{Compression, Mode};
 use super::gradient::Gradient;
 use super::laplacian::Laplacian;
 use super::operators::Operators;
+use super::problem::Parts;
 use super::settings::{Fidelity, StTvSettings, Stop};
 use crate::check::check_length;
 use crate::data::Channels;

@@ -36,14 +36,14 @@
 //!
 //! The passes themselves are in `sweep`.
 
+use super::float::Float;
 use super::kernel::RANKS;
 use super::operators::Operators;
-use super::scalar::Scalar;
 use super::state::{State, Steps};
 use super::sweep::{Analyse, Descend, Pull, Scaled, Sweep};
 use pulp::Arch;
 
-impl<T: Scalar> State<T> {
+impl<T: Float> State<T> {
     /// Brings the tail up to date, with a head of these ranks. `fit` replaces the coefficients
     /// `[rank][stride]` of the image, of which those of the tail are given, by their force.
     pub(crate) fn refresh_tail(

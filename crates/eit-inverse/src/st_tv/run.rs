@@ -4,8 +4,8 @@ mod constant;
 
 use super::certificate::Evaluation;
 use super::fit::{self, Memory};
+use super::float::Float;
 use super::operators::Operators;
-use super::scalar::Scalar;
 use super::settings::Stop;
 use super::state::State;
 use super::step;
@@ -87,7 +87,7 @@ struct Limits {
     seconds: f64,
 }
 
-impl<'a, T: Scalar> Run<'a, T> {
+impl<'a, T: Float> Run<'a, T> {
     pub(crate) fn new(task: &'a Task<'a>, ops: &'a Operators<T>, start: Instant) -> Self {
         let image = State::new(ops, task.frames, task.linked(), task.bounds.is_some());
         let evaluation = Evaluation::new(&task.solver.double, &image, &task.solver.parts);

@@ -1,8 +1,8 @@
 //! What an iteration changes: image, dual variables, and what is kept between iterations.
 
+use super::float::Float;
 use super::kernel::LANES;
 use super::operators::{BLOCK, Operators};
-use super::scalar::Scalar;
 
 /// Over-relaxation.
 pub(crate) const RHO: f64 = 1.9;
@@ -62,7 +62,7 @@ pub(crate) struct State<T> {
     pub(crate) present: Vec<T>,
 }
 
-impl<T: Scalar> State<T> {
+impl<T: Float> State<T> {
     pub(crate) fn new(ops: &Operators<T>, frames: usize, time: bool, bounds: bool) -> Self {
         let stride = frames.next_multiple_of(LANES);
         let zero = T::default();

@@ -1,29 +1,12 @@
 //! One sequence in the solver's own units.
 
 use super::batch::StTv;
-use super::certificate::{Fidelity as Terms, Parts, Problem};
 use super::data::MovieData;
+use super::problem::{DataTerm, Problem};
 use super::settings::{Fidelity, Weights};
-use crate::{
-    Certificate, Differences, Gradient, InverseError, Movie, MovieReport, MovieStatus, TracePoint,
-};
-use faer::MatRef;
+use crate::{Certificate, Differences, InverseError, Movie, MovieReport, MovieStatus, TracePoint};
 use ndarray::Array2;
 use std::time::Instant;
-
-impl Parts {
-    pub(crate) fn new(gradient: &Gradient, basis: MatRef<'_, f64>) -> Self {
-        let (label, count) = gradient.parts();
-        let mut sizes = vec![0.0; count];
-        let mut sensitivity = vec![vec![0.0; basis.ncols()]; count];
-        for (p, &part) in label.iter().enumerate() {
-            sizes[part as usize] += 1.0;
-            let sums = &mut sensitivity[part as usize];
-            sums.iter_mut().zip(basis.row(p).iter()).for_each(|(sum, v)| *sum += v);
-        }
-        Self { label, sizes, sensitivity }
-    }
-}
 
 /// A sequence, scaled so that the Jacobian's largest singular value and the root mean square of a
 /// frame's data are 1: then nothing over- or underflows in `f32`, whatever the units.
@@ -113,8 +96,8 @@ impl<'a> Task<'a> {
         self.frames > 1 && self.lambda_time > 0.0
     }
 
-    pub(crate) fn terms(&self) -> Terms<'_> {
-        if self.delta.is_empty() { Terms::Penalised } else { Terms::Constrained(&self.delta) }
+    pub(crate) fn data_term(&self) -> DataTerm<'_> {
+        if self.delta.is_empty() { DataTerm::Penalised } else { DataTerm::Constrained(&self.delta) }
     }
 
     pub(crate) fn problem(&self) -> Problem<'_> {
@@ -126,7 +109,7 @@ impl<'a> Task<'a> {
             modes: &self.data.modes,
             mode_of: &self.data.mode_of,
             targets: &self.data.targets,
-            fidelity: self.terms(),
+            data_term: self.data_term(),
             lambda_space: self.lambda_space,
             lambda_time: self.lambda_time,
             bounds: self.bounds,

@@ -1,8 +1,8 @@
 //! The window of a stream as the iteration and its evaluation see it.
 
 use super::StTv;
-use super::certificate::{Fidelity as Terms, Problem};
 use super::data::{Mode, Target};
+use super::problem::{DataTerm, Problem};
 use crate::MovieStatus;
 
 /// The two runs.
@@ -43,8 +43,8 @@ pub(super) struct Window {
 }
 
 impl Window {
-    pub(super) fn terms(&self) -> Terms<'_> {
-        if self.delta.is_empty() { Terms::Penalised } else { Terms::Constrained(&self.delta) }
+    pub(super) fn data_term(&self) -> DataTerm<'_> {
+        if self.delta.is_empty() { DataTerm::Penalised } else { DataTerm::Constrained(&self.delta) }
     }
 
     pub(super) fn problem<'a>(&'a self, solver: &'a StTv) -> Problem<'a> {
@@ -57,7 +57,7 @@ impl Window {
             modes: &self.modes,
             mode_of: &self.mode_of,
             targets: &self.targets,
-            fidelity: self.terms(),
+            data_term: self.data_term(),
             lambda_space,
             lambda_time,
             bounds: self.bounds,

@@ -3,7 +3,7 @@
 use std::ops::{Add, AddAssign, Div, Mul, Sub};
 
 /// `f32` or `f64`.
-pub(crate) trait Scalar:
+pub(crate) trait Float:
     Copy
     + Default
     + PartialOrd
@@ -28,9 +28,9 @@ pub(crate) trait Scalar:
     fn min(self, other: Self) -> Self;
 }
 
-macro_rules! scalar {
+macro_rules! float {
     ($t:ty) => {
-        impl Scalar for $t {
+        impl Float for $t {
             const EPSILON: f64 = <$t>::EPSILON as f64;
 
             #[inline(always)]
@@ -61,5 +61,5 @@ macro_rules! scalar {
         }
     };
 }
-scalar!(f32);
-scalar!(f64);
+float!(f32);
+float!(f64);
