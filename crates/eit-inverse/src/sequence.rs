@@ -3,7 +3,7 @@
 //!
 //! | method | prior in time | one frame costs, flops |
 //! |---|---|---|
-//! | [`OneStep`] | none: each frame alone | `2 r (m + n)` |
+//! | [`Difference`](crate::Difference) | none: each frame alone | `2 r (m + n)` |
 //! | [`TimePrior`] | correlation that decays exponentially | `2 r (m + n) + 10 r` |
 //! | [`KalmanSmoother`] | random walk | the same |
 //! | [`KalmanFilter`] | random walk, the past alone | the same |
@@ -28,5 +28,4 @@ pub use kalman::{KalmanFilter, KalmanSettings, KalmanSmoother};
 pub use movie::{
     Certificate, Differences, Movie, MovieMethod, MovieReport, MovieStatus, TracePoint,
 };
-pub use one_step::OneStep;
 pub use time_prior::{TimePrior, TimePriorSettings};

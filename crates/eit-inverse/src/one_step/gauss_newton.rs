@@ -39,7 +39,7 @@ use std::time::Instant;
 #[derive(Debug, Clone)]
 pub struct Difference {
     reconstructor: Reconstructor,
-    spectrum: Spectrum,
+    pub(crate) spectrum: Spectrum,
     report: Report,
 }
 

@@ -19,6 +19,13 @@ pub struct Workspace {
     left_out: LeftOut,
 }
 
+impl Workspace {
+    /// `C dv` of the last image that was computed, `[rank]`.
+    pub(crate) fn coefficients(&self) -> &[f64] {
+        &self.coefficients
+    }
+}
+
 /// A fixed linear map from frames to images on elements or pixels, `Send + Sync`.
 ///
 /// Applied as two factors, `image = B (C dv)` with `B` `[image, rank]` and `C`
@@ -153,18 +160,49 @@ impl Reconstructor {
         image: &mut [f64],
     ) -> Result<FrameStatus, InverseError> {
         self.check_memory(workspace, image)?;
+        let status = self.check_difference(difference)?;
+        match status {
+            FrameStatus::Computed => {
+                self.to_coefficients(difference, &mut workspace.coefficients);
+                self.to_image(&workspace.coefficients, image);
+            }
+            FrameStatus::Unchanged => image.fill(0.0),
+        }
+        Ok(status)
+    }
+
+    /// [`reconstruct_difference_into`](Self::reconstruct_difference_into) without the measurements
+    /// `bad` (protocol indices), as [`reconstruct_without_into`](Self::reconstruct_without_into)
+    /// leaves them out.
+    ///
+    /// # Errors
+    /// As both.
+    pub fn reconstruct_difference_without_into(
+        &self,
+        difference: &[f64],
+        bad: &[usize],
+        workspace: &mut Workspace,
+        image: &mut [f64],
+    ) -> Result<FrameStatus, InverseError> {
+        self.check_memory(workspace, image)?;
+        check_length("difference", difference.len(), self.channels.used.len())?;
+        workspace.left_out.choose(&self.channels, bad)?;
+        workspace.difference.copy_from_slice(difference);
+        workspace.left_out.indices.iter().for_each(|&k| workspace.difference[k] = 0.0);
+        let status = self.check_difference(&workspace.difference)?;
+        self.complete(status, workspace, image)?;
+        Ok(status)
+    }
+
+    /// Refuses difference data of a wrong length or not finite; says whether any of it is not zero.
+    fn check_difference(&self, difference: &[f64]) -> Result<FrameStatus, InverseError> {
         check_length("difference", difference.len(), self.channels.used.len())?;
         if let Some(k) = difference.iter().position(|dv| !dv.is_finite()) {
             let (measurement, value) = (self.channels.used[k], difference[k]);
             return Err(InverseError::NonFiniteData { frame: 0, measurement, value });
         }
-        if difference.iter().all(|dv| *dv == 0.0) {
-            image.fill(0.0);
-            return Ok(FrameStatus::Unchanged);
-        }
-        self.to_coefficients(difference, &mut workspace.coefficients);
-        self.to_image(&workspace.coefficients, image);
-        Ok(FrameStatus::Computed)
+        let unchanged = difference.iter().all(|dv| *dv == 0.0);
+        Ok(if unchanged { FrameStatus::Unchanged } else { FrameStatus::Computed })
     }
 
     /// [`reconstruct_into`](Self::reconstruct_into) without the measurements `bad` of this frame
@@ -196,21 +234,33 @@ impl Reconstructor {
         image: &mut [f64],
     ) -> Result<FrameStatus, InverseError> {
         self.check_memory(workspace, image)?;
-        let Workspace { difference, coefficients, left_out } = workspace;
+        let Workspace { difference, left_out, .. } = workspace;
         left_out.choose(&self.channels, bad)?;
         let indices = &left_out.indices;
         let status =
             self.channels.difference_into(0, frame, reference_frame, indices, difference)?;
+        self.complete(status, workspace, image)?;
+        Ok(status)
+    }
+
+    /// The image of the workspace's difference, which is zero where it is left out.
+    fn complete(
+        &self,
+        status: FrameStatus,
+        workspace: &mut Workspace,
+        image: &mut [f64],
+    ) -> Result<(), InverseError> {
+        let Workspace { difference, coefficients, left_out } = workspace;
         if status == FrameStatus::Unchanged {
             // whatever is filled in, nothing speaks against zero
             image.fill(0.0);
-            return Ok(status);
+            return Ok(());
         }
         self.to_coefficients(difference, coefficients);
         let root_weights = &self.channels.root_weights;
         left_out.complete(self.data_rows(), root_weights, &self.damping, coefficients)?;
         self.to_image(coefficients, image);
-        Ok(status)
+        Ok(())
     }
 
     fn check_memory(&self, workspace: &Workspace, image: &[f64]) -> Result<(), InverseError> {

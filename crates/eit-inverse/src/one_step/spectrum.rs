@@ -161,6 +161,12 @@ impl Spectrum {
         Decomposition { squared, outside: outside.squared_norm_l2() }
     }
 
+    /// `W^1/2 J dsigma = U diag(d) c` of the image `dsigma = P J' W^1/2 U c`, `[used measurement]`.
+    pub(crate) fn predicted(&self, coefficients: &[f64]) -> Col<f64> {
+        let scaled = Col::from_fn(self.values.len(), |k| self.values[k] * coefficients[k]);
+        &self.vectors * scaled
+    }
+
     /// `1 / (d + lambda^2 s)`, `[rank]`.
     pub(crate) fn filter(&self, hyperparameter: f64) -> Vec<f64> {
         let damping = self.damping(hyperparameter);

@@ -5,10 +5,10 @@ use crate::error::SkinError;
 use crate::method::Method;
 use crate::scene::Scene;
 use eit_inverse::baseline::{
-    AbsoluteGaussNewton, AbsoluteSettings, KalmanSettings, KalmanSmoother, OneStep, TimePrior,
+    AbsoluteGaussNewton, AbsoluteSettings, KalmanSettings, KalmanSmoother, TimePrior,
     TimePriorSettings,
 };
-use eit_inverse::{DifferenceSettings, MovieMethod, Prior};
+use eit_inverse::{Difference, DifferenceSettings, MovieMethod, Prior};
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView2};
 
@@ -29,7 +29,7 @@ pub fn method<'a>(
     let difference = settings;
     Ok(Some(match method {
         Method::StTv | Method::Tv => return Ok(None),
-        Method::GaussNewton => Box::new(OneStep::new(jacobian, prior, &difference)?),
+        Method::GaussNewton => Box::new(Difference::new(jacobian, prior, difference)?),
         Method::TimePrior => {
             let settings = TimePriorSettings { difference, ..Default::default() };
             Box::new(TimePrior::new(jacobian, prior, &settings)?)
