@@ -4,4 +4,4 @@ mod channels;
 mod difference;
 
 pub(crate) use channels::Channels;
-pub use difference::{DifferenceData, FrameStatus};
+pub use difference::{DifferenceData, DifferenceKind, FrameStatus};

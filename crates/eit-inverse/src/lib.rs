@@ -15,7 +15,7 @@ mod st_tv;
 pub mod touch;
 
 pub use calibration::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
-pub use data::{DifferenceData, FrameStatus};
+pub use data::{DifferenceData, DifferenceKind, FrameStatus};
 pub use error::InverseError;
 pub use noise::{SideUnknowns, noise_std_of_quiet_frames};
 pub use one_step::{

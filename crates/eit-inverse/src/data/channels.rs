@@ -1,6 +1,6 @@
 //! Which measurements count and how much.
 
-use super::{DifferenceData, FrameStatus};
+use super::{DifferenceData, DifferenceKind, FrameStatus};
 use crate::InverseError;
 use crate::check::check_length;
 
@@ -19,8 +19,10 @@ pub(crate) struct Channels {
     pub(crate) root_weights: Vec<f64>,
     /// The `noise_std` of weight 1, in the unit of `dv`; `None` where no noise was given.
     pub(crate) noise_scale: Option<f64>,
-    /// Model voltage of each used measurement; empty for plain data.
-    pub(crate) model_voltages_v: Vec<f64>,
+    /// Whether differences are divided by the reference.
+    kind: DifferenceKind,
+    /// What each used measurement's row of the Jacobian is divided by.
+    divisors: Vec<f64>,
 }
 
 impl Channels {
@@ -39,33 +41,13 @@ impl Channels {
                 (root_weights, Some(largest))
             }
         };
-        let model_voltages_v = match data {
-            DifferenceData::Plain => Vec::new(),
-            DifferenceData::Normalised { model_voltages_v } => {
-                check_length("model_voltages_v", model_voltages_v.len(), count)?;
-                let picked: Vec<f64> = used.iter().map(|&i| model_voltages_v[i]).collect();
-                if let Some(k) = picked.iter().position(|v| !v.recip().is_finite() || *v == 0.0) {
-                    let (measurement, value) = (used[k], picked[k]);
-                    let what = "the model voltages";
-                    return Err(InverseError::ZeroReference { what, measurement, value });
-                }
-                picked
-            }
-        };
-        Ok(Self { count, used, root_weights, noise_scale, model_voltages_v })
-    }
-
-    /// Whether data is divided by the reference.
-    pub(crate) fn normalised(&self) -> bool {
-        !self.model_voltages_v.is_empty()
+        let divisors = data.divisors(count, &used)?;
+        Ok(Self { count, used, root_weights, noise_scale, kind: data.kind(), divisors })
     }
 
     /// Factor of a used measurement's Jacobian row: `W^1/2`, and `1 / v0` for normalised data.
     pub(crate) fn row_factor(&self, k: usize) -> f64 {
-        match self.model_voltages_v.get(k) {
-            None => self.root_weights[k],
-            Some(v0) => self.root_weights[k] / v0,
-        }
+        self.root_weights[k] / self.divisors[k]
     }
 
     /// Keeps the measurements that `used` also names.
@@ -83,7 +65,8 @@ impl Channels {
             used: kept.iter().map(|&k| self.used[k]).collect(),
             root_weights: pick(&self.root_weights),
             noise_scale: self.noise_scale,
-            model_voltages_v: pick(&self.model_voltages_v),
+            kind: self.kind,
+            divisors: pick(&self.divisors),
         };
         Ok((channels, kept))
     }
@@ -101,7 +84,7 @@ impl Channels {
     ) -> Result<FrameStatus, InverseError> {
         check_length("frame", frame.len(), self.count)?;
         check_length("reference frame", reference_frame.len(), self.count)?;
-        let normalised = self.normalised();
+        let normalised = self.kind == DifferenceKind::Normalised;
         // nearly always over at the first measurement
         let mut used = self.used.iter().map(|&i| (frame[i], reference_frame[i]));
         if left_out.is_empty()
@@ -125,14 +108,12 @@ impl Channels {
                 let value = reference;
                 return Err(InverseError::NonFiniteReference { measurement, value });
             }
-            *dv = value - reference;
-            if normalised {
-                *dv /= reference;
-                if !dv.is_finite() {
-                    let (what, value) = ("the reference frame", reference);
-                    return Err(InverseError::ZeroReference { what, measurement, value });
-                }
-            } else if !dv.is_finite() {
+            *dv = self.kind.difference(value, reference);
+            if !dv.is_finite() && normalised {
+                let (what, value) = ("the reference frame", reference);
+                return Err(InverseError::ZeroReference { what, measurement, value });
+            }
+            if !dv.is_finite() {
                 // two finite values of 1e308 and opposite sign
                 let (frame, value) = (frame_index, *dv);
                 return Err(InverseError::NonFiniteData { frame, measurement, value });
