@@ -3,5 +3,6 @@
 mod estimate;
 mod nuisance;
 
+pub(crate) use estimate::deviations;
 pub use estimate::noise_std_of_quiet_frames;
 pub use nuisance::SideUnknowns;

@@ -17,6 +17,7 @@ mod settings;
 
 use crate::InverseError;
 use crate::check::check_length;
+use crate::noise::deviations;
 use common::{Common, Held};
 use ndarray::ArrayView2;
 pub use settings::ReferenceSettings;
@@ -97,12 +98,7 @@ impl AdaptiveReference {
         let mean = |channel: ndarray::ArrayView1<'_, f64>| channel.sum() / count as f64;
         let reference: Vec<f64> = frames.columns().into_iter().map(mean).collect();
         // from differences of neighbours, so that drift during the frames is not taken for noise
-        let noise = |channel: ndarray::ArrayView1<'_, f64>| {
-            let pairs = channel.iter().zip(channel.iter().skip(1));
-            let sum: f64 = pairs.map(|(a, b)| (b - a).powi(2)).sum();
-            (0.5 * sum / (count - 1) as f64).sqrt()
-        };
-        let noise: Vec<f64> = frames.columns().into_iter().map(noise).collect();
+        let noise = deviations(frames);
         if noise.contains(&0.0) {
             let what = "a measurement does not change over the quiet frames";
             return Err(InverseError::NoiseUnknown { what });
