@@ -17,7 +17,7 @@ pub mod touch;
 pub use calibration::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
 pub use data::{DifferenceData, DifferenceKind, FrameStatus};
 pub use error::InverseError;
-pub use noise::{SideUnknowns, noise_std_of_quiet_frames};
+pub use noise::{NuisanceParameters, noise_std_of_quiet_frames};
 pub use one_step::{
     Chosen, CurvePoint, Difference, DifferenceSettings, HyperparameterChoice, HyperparameterStatus,
     NoiseTarget, Reconstructor, Report, Workspace,

@@ -1,8 +1,8 @@
-//! The noise of the data: measured on quiet frames, and what else is unknown beside the image.
+//! The noise of the data, measured on quiet frames, and nuisance parameters.
 
 mod estimate;
 mod nuisance;
 
 pub(crate) use estimate::deviations;
 pub use estimate::noise_std_of_quiet_frames;
-pub use nuisance::SideUnknowns;
+pub use nuisance::NuisanceParameters;

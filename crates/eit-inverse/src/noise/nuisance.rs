@@ -1,4 +1,4 @@
-//! Unknowns that are not imaged, taken out of the data.
+//! Nuisance parameters, taken out of the data.
 
 use crate::InverseError;
 use crate::check::{check_length, check_positive};
@@ -6,7 +6,8 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, Par};
 use ndarray::{Array2, ArrayRef2};
 
-/// Unknowns beside the image, Gaussian and linear, such as the displacement of each electrode:
+/// Nuisance parameters: unknowns that the data depend on and the image does not show, such as the
+/// displacement of each electrode. Gaussian and linear:
 ///
 /// ```text
 /// dv = J dsigma + K d + noise,     d ~ N(0, C),   noise ~ N(0, N),     C and N diagonal
@@ -21,16 +22,16 @@ use ndarray::{Array2, ArrayRef2};
 /// T = (I - U diag(1 - (1 + s^2)^-1/2) U') N^-1/2,     N^-1/2 K C^1/2 = U diag(s) V'
 /// ```
 ///
-/// ([`SideUnknowns::whiten`], [`SideUnknowns::whiten_jacobian`]), after which the noise is white of
-/// standard deviation 1, and `d` follows from what an image leaves unexplained
-/// ([`SideUnknowns::most_probable`]). Costs `2 m k` flops a frame for `k` unknowns. Measurements mix:
-/// those that are not used must be so for all frames.
+/// ([`NuisanceParameters::whiten`], [`NuisanceParameters::whiten_jacobian`]), after which the noise
+/// is white of standard deviation 1, and `d` follows from what an image leaves unexplained
+/// ([`NuisanceParameters::map_estimate`]). Costs `2 m k` flops a frame for `k` unknowns.
+/// Measurements mix: those that are not used must be so for all frames.
 ///
-/// Source: Soleimani, Gomez-Laberge, Adler, *Physiol. Meas.* 27 (2006), S103-S113 (electrode movement
-/// as further unknowns of the image); the same as correlated noise: Kaipio, Somersalo, *Statistical
-/// and Computational Inverse Problems* (2005), section 3.3.
+/// Source: Soleimani, Gomez-Laberge, Adler, *Physiol. Meas.* 27 (2006), S103-S113 (electrode
+/// movement as further unknowns of the image); the same as correlated noise: Kaipio, Somersalo,
+/// *Statistical and Computational Inverse Problems* (2005), section 3.3.
 #[derive(Debug, Clone)]
-pub struct SideUnknowns {
+pub struct NuisanceParameters {
     /// `N^-1/2`, zero where not used.
     weights: Vec<f64>,
     /// `U`, `[measurement, k]`.
@@ -41,14 +42,15 @@ pub struct SideUnknowns {
     unknowns: Mat<f64>,
 }
 
-impl SideUnknowns {
+impl NuisanceParameters {
     /// From `K` `[measurement, unknown]` (in the unit of the differences for each unit of an
     /// unknown, as from [`Solution::movement_jacobian`](eit_fem::Solution::movement_jacobian)), the
     /// standard deviation of each unknown, and that of each difference's noise. Values of
     /// measurements that are not used are not looked at.
     ///
     /// # Errors
-    /// Wrong lengths; entries that are not finite; deviations that are not above zero; nothing used.
+    /// Wrong lengths; entries that are not finite; deviations that are not above zero; nothing
+    /// used.
     pub fn new(
         jacobian: &ArrayRef2<f64>,
         std: &[f64],
@@ -84,7 +86,10 @@ impl SideUnknowns {
                 scaled[(measurement, element)] = entry;
             }
         }
-        let failed = InverseError::Factorisation { what: "side unknowns", size: measurements };
+        let failed = InverseError::Factorisation {
+            what: "whitened Jacobian of the nuisance parameters",
+            size: measurements,
+        };
         let svd = scaled.thin_svd().map_err(|_| failed)?;
         let strengths: Vec<f64> = svd.S().column_vector().iter().copied().collect();
         let right = svd.V();
@@ -94,7 +99,7 @@ impl SideUnknowns {
 
     /// What part of the variance of whitened data each direction keeps, largest unknown first:
     /// `1 / (1 + s^2)`, 1 where the unknowns drown in noise, 0 where the data tell them alone.
-    pub fn kept(&self) -> Vec<f64> {
+    pub fn kept_variance(&self) -> Vec<f64> {
         self.strengths.iter().map(|s| 1.0 / (1.0 + s * s)).collect()
     }
 
@@ -108,7 +113,8 @@ impl SideUnknowns {
         (0..self.strengths.len()).map(part).collect()
     }
 
-    /// `T dv` in place: white noise of standard deviation 1; zero where not used. Allocates nothing.
+    /// `T dv` in place: white noise of standard deviation 1; zero where not used. Allocates
+    /// nothing.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`].
@@ -166,7 +172,7 @@ impl SideUnknowns {
     ///
     /// # Errors
     /// [`InverseError::WrongLength`].
-    pub fn most_probable(&self, unexplained: &[f64]) -> Result<Vec<f64>, InverseError> {
+    pub fn map_estimate(&self, unexplained: &[f64]) -> Result<Vec<f64>, InverseError> {
         check_length("unexplained", unexplained.len(), self.weights.len())?;
         let parts = self.parts(unexplained);
         let amounts: Vec<f64> =

@@ -159,12 +159,13 @@ impl Difference {
         Ok(())
     }
 
-    /// Sets lambda so that the prior is that of another reconstruction by it: `lambda^2 s` is the same
-    /// in units of the noise, and with it the variance that an image is expected to have.
+    /// Sets lambda so that the prior is that of another reconstruction by it: `lambda^2 s` is the
+    /// same in units of the noise, and with it the variance that an image is expected to have.
     ///
-    /// For other data of the same skin, such as those that [`SideUnknowns`](crate::SideUnknowns) leave.
-    /// Their scale `s` is another, and their noise figure is no measure: they have lost signal, so that
-    /// an image as noisy as they are is noisier than one of the data as they came.
+    /// For other data of the same skin, such as those that
+    /// [`NuisanceParameters`](crate::NuisanceParameters) leave. Their scale `s` is another, and
+    /// their noise figure is no measure: they have lost signal, so that an image as noisy as they
+    /// are is noisier than one of the data as they came.
     ///
     /// # Errors
     /// As [`set_hyperparameter`](Self::set_hyperparameter).

@@ -8,7 +8,7 @@ use crate::pipeline::tv;
 use crate::pipeline::{Linearised, Setup, movement};
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Scene};
-use eit_inverse::{InverseError, SideUnknowns, StTvStream};
+use eit_inverse::{InverseError, NuisanceParameters, StTvStream};
 use eit_mesh::Raster;
 
 /// What makes the images of an epoch; nothing in it depends on a clock.
@@ -16,7 +16,7 @@ pub struct Movie {
     kind: DifferenceKind,
     words: String,
     /// Takes the movement of electrodes out of differences for the window.
-    side: Option<SideUnknowns>,
+    side: Option<NuisanceParameters>,
     /// Electrodes move: only frames that are good in every used measurement have an image.
     is_whole: bool,
     window: Option<StTvStream>,

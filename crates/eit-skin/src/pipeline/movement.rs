@@ -1,7 +1,7 @@
 //! Movement of electrodes, taken out of data and Jacobian before a method sees them.
 //!
 //! `reconstruction.electrode_movement_m` says how far electrodes go with the fabric. Displacements of
-//! each along the rim and outward are then unknowns beside the image ([`SideUnknowns`]); what is left
+//! each along the rim and outward are then [`NuisanceParameters`]; what is left
 //! of data and Jacobian serves every linear method as it is.
 //!
 //! Where the prior is Gaussian, two things keep the balance between image and displacements. The
@@ -28,7 +28,7 @@ use crate::frames::Frames;
 use crate::method::Method;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Scene};
-use eit_inverse::{Chosen, Difference, SideUnknowns};
+use eit_inverse::{Chosen, Difference, NuisanceParameters};
 use ndarray::{Array2, ArrayView1};
 
 /// Model without what electrodes that move explain, and what takes it out of differences.
@@ -36,7 +36,7 @@ pub struct TakenOut {
     /// What displacements are weighed against, in units of the noise.
     pub error: f64,
     /// Differences to white noise of standard deviation 1.
-    pub side: SideUnknowns,
+    pub side: NuisanceParameters,
     /// The Jacobian of those; voltages as they were.
     pub linearised: Linearised,
 }
@@ -49,7 +49,7 @@ pub struct Freed {
     /// White differences against a reference of zero.
     pub frames: Frames,
     /// Takes movement out of further differences.
-    pub side: SideUnknowns,
+    pub side: NuisanceParameters,
     /// For the report.
     pub line: String,
     /// Frames that have no image.
@@ -99,7 +99,7 @@ pub fn take_out(
     });
     // weights are those of the noise, so that deviations count in its units
     let std = vec![movement_m / error; movement.ncols()];
-    let side = SideUnknowns::new(&of_differences(movement), &std, &noise.std, Some(used))?;
+    let side = NuisanceParameters::new(&of_differences(movement), &std, &noise.std, Some(used))?;
     let linearised = Linearised {
         voltages: linearised.voltages.clone(),
         jacobian: side.whiten_jacobian(&jacobian)?,
@@ -168,7 +168,7 @@ pub fn free(
         let of_noise = (&noise, &frames.used[..]);
         let taken = take_out(scene, models, of_noise, before.as_ref().map(|before| &before.0))?;
         let Some(TakenOut { error, side, linearised }) = taken else { return Ok(None) };
-        let given = side.kept().iter().map(|kept| 1.0 - kept).sum::<f64>();
+        let given = side.kept_variance().iter().map(|kept| 1.0 - kept).sum::<f64>();
         let mut line =
             format!("{}: {given:.1} directions of the data go to that", words(movement_m));
         if error > 1.0 {
@@ -236,7 +236,7 @@ fn of_white(scene: &Scene) -> Scene {
 fn whitened(
     frames: &Frames,
     kind: DifferenceKind,
-    side: &SideUnknowns,
+    side: &NuisanceParameters,
 ) -> Result<(Frames, Option<String>), SkinError> {
     let (clean, count) = (frames.clean(), frames.values.nrows());
     if clean.is_empty() {

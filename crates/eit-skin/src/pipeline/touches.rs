@@ -13,7 +13,7 @@ use eit_inverse::metrics::{Cells, ChangeSign};
 use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
     AdaptiveReference, Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget,
-    Reconstructor, ReferenceSettings, SideUnknowns, Workspace,
+    NuisanceParameters, Reconstructor, ReferenceSettings, Workspace,
 };
 use eit_mesh::Raster;
 use ndarray::{ArrayView3, Axis};
@@ -287,7 +287,7 @@ fn detector(
     (setup, linearised): (&Setup, &Linearised),
     (frames, noise): (&Frames, &DataNoise),
     progress: &mut Progress,
-) -> Result<(Imaging, Option<SideUnknowns>), SkinError> {
+) -> Result<(Imaging, Option<NuisanceParameters>), SkinError> {
     let kind = scene.difference_kind(&setup.protocol);
     let mut settings = settings(scene, setup, linearised, &frames.used)?;
     settings.noise_std = Some(noise.std.clone());

@@ -1,16 +1,16 @@
-//! Unknowns beside the image: taken out of the data or solved with it, the same image.
+//! Nuisance parameters: taken out of the data or solved with the image, the same image.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 
 mod common;
 
 use common::{Random, disc};
-use eit_inverse::{Difference, DifferenceSettings, InverseError, SideUnknowns, Tikhonov};
+use eit_inverse::{Difference, DifferenceSettings, InverseError, NuisanceParameters, Tikhonov};
 use ndarray::{Array2, Axis, aview1, concatenate};
 
-/// Small dense problem: measurements, image, side unknowns.
+/// Small dense problem: measurements, image, nuisance parameters.
 struct Problem {
     jacobian: Array2<f64>,
-    side: Array2<f64>,
+    nuisance: Array2<f64>,
     std: Vec<f64>,
     noise: Vec<f64>,
     data: Vec<f64>,
@@ -20,7 +20,7 @@ fn problem() -> Problem {
     let mut random = Random(11);
     Problem {
         jacobian: random.matrix(30, 12),
-        side: random.matrix(30, 5),
+        nuisance: random.matrix(30, 5),
         std: (0..5).map(|_| 3.0 * random.uniform() + 0.1).collect(),
         noise: (0..30).map(|_| 0.2 * random.uniform() + 0.02).collect(),
         data: (0..30).map(|_| random.normal()).collect(),
@@ -50,34 +50,34 @@ fn taken_out_or_solved_jointly_is_the_same() {
     let p = problem();
     let weights: Vec<f64> = p.noise.iter().map(|e| 1.0 / e).collect();
     let image_precision = [0.7; 12];
-    let joint = concatenate![Axis(1), p.jacobian, p.side];
+    let joint = concatenate![Axis(1), p.jacobian, p.nuisance];
     let precisions: Vec<f64> =
         image_precision.iter().copied().chain(p.std.iter().map(|s| 1.0 / s)).collect();
     let wanted = solve(&joint, &p.data, &weights, &precisions);
 
-    let side = SideUnknowns::new(&p.side, &p.std, &p.noise, None).unwrap();
-    let jacobian = side.whiten_jacobian(&p.jacobian).unwrap();
+    let nuisance = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, None).unwrap();
+    let jacobian = nuisance.whiten_jacobian(&p.jacobian).unwrap();
     let mut data = p.data.clone();
-    side.whiten(&mut data).unwrap();
+    nuisance.whiten(&mut data).unwrap();
     let image = solve(&jacobian, &data, &[1.0; 30], &image_precision);
     let left = &aview1(&p.data) - &p.jacobian.dot(&aview1(&image));
-    let unknowns = side.most_probable(left.as_slice().unwrap()).unwrap();
+    let unknowns = nuisance.map_estimate(left.as_slice().unwrap()).unwrap();
     for (found, wanted) in image.iter().chain(&unknowns).zip(&wanted) {
         // normal equations of condition 1e4
         assert!((found - wanted).abs() < 1e-10 * wanted.abs().max(1.0), "{found} {wanted}");
     }
-    assert!(side.kept().iter().all(|k| (0.0..0.1).contains(k)));
+    assert!(nuisance.kept_variance().iter().all(|k| (0.0..0.1).contains(k)));
 }
 
 /// `T (N + K C K') T' = I`.
 #[test]
 fn whitened_data_are_white() {
     let p = problem();
-    let side = SideUnknowns::new(&p.side, &p.std, &p.noise, None).unwrap();
-    let scaled = &p.side * &aview1(&p.std);
+    let nuisance = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, None).unwrap();
+    let scaled = &p.nuisance * &aview1(&p.std);
     let covariance = Array2::from_diag(&aview1(&p.noise).mapv(|e| e * e)) + scaled.dot(&scaled.t());
-    let once = side.whiten_jacobian(&covariance).unwrap();
-    let twice = side.whiten_jacobian(&once.t().to_owned()).unwrap();
+    let once = nuisance.whiten_jacobian(&covariance).unwrap();
+    let twice = nuisance.whiten_jacobian(&once.t().to_owned()).unwrap();
     for ((i, k), value) in twice.indexed_iter() {
         let wanted = if i == k { 1.0 } else { 0.0 };
         // covariances over noise: 1e6 roundings
@@ -90,30 +90,33 @@ fn whitened_data_are_white() {
 fn unused_measurements_are_not_looked_at() {
     let mut p = problem();
     let used: Vec<bool> = (0..30).map(|i| i != 7).collect();
-    let fresh = SideUnknowns::new(&p.side, &p.std, &p.noise, Some(&used)).unwrap();
+    let fresh = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, Some(&used)).unwrap();
     let mut clean = p.data.clone();
     fresh.whiten(&mut clean).unwrap();
     (p.noise[7], p.data[7]) = (f64::NAN, f64::INFINITY);
-    p.side.row_mut(7).fill(f64::NAN);
-    let broken = SideUnknowns::new(&p.side, &p.std, &p.noise, Some(&used)).unwrap();
+    p.nuisance.row_mut(7).fill(f64::NAN);
+    let broken = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, Some(&used)).unwrap();
     broken.whiten(&mut p.data).unwrap();
     assert_eq!(clean, p.data);
     assert_eq!(p.data[7], 0.0);
-    let error = SideUnknowns::new(&p.side, &p.std, &p.noise, None).unwrap_err();
+    let error = NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, None).unwrap_err();
     assert!(matches!(error, InverseError::OutOfRange { .. }), "{error}");
-    let error = SideUnknowns::new(&p.side, &p.std[1..], &p.noise, Some(&used)).unwrap_err();
+    let error =
+        NuisanceParameters::new(&p.nuisance, &p.std[1..], &p.noise, Some(&used)).unwrap_err();
     assert!(error.to_string().contains("std of the unknowns: 4 values, but 5"), "{error}");
-    let none = SideUnknowns::new(&p.side, &p.std, &p.noise, Some(&[false; 30])).unwrap_err();
+    let none =
+        NuisanceParameters::new(&p.nuisance, &p.std, &p.noise, Some(&[false; 30])).unwrap_err();
     assert!(matches!(none, InverseError::NothingUsed { measurements: 30 }));
 }
 
-/// Taken out or not, unknowns that hardly vary leave the image as it was, at the prior of the data as
-/// they came; those that vary leave less of it, and at the same lambda the prior would be another one.
+/// Taken out or not, unknowns that hardly vary leave the image as it was, at the prior of the data
+/// as they came; those that vary leave less of it, and at the same lambda the prior would be
+/// another one.
 #[test]
 fn the_prior_is_taken_over() {
     let surface = disc(0.1, 2);
     let mut random = Random(5);
-    let (jacobian, side) = (random.matrix(30, surface.triangles().len()), random.matrix(30, 5));
+    let (jacobian, nuisance) = (random.matrix(30, surface.triangles().len()), random.matrix(30, 5));
     let noise: Vec<f64> = (0..30).map(|_| 0.2 * random.uniform() + 0.02).collect();
     let frame: Vec<f64> = (0..30).map(|_| random.normal()).collect();
     let reference = [0.0; 30];
@@ -126,10 +129,10 @@ fn the_prior_is_taken_over() {
     let before = Difference::new(&jacobian, &prior, settings).unwrap();
     let image = before.reconstruct(&frame, &reference).unwrap();
     let left = |std: f64, takes_over: bool| {
-        let side = SideUnknowns::new(&side, &[std; 5], &noise, None).unwrap();
-        let jacobian = side.whiten_jacobian(&jacobian).unwrap();
+        let nuisance = NuisanceParameters::new(&nuisance, &[std; 5], &noise, None).unwrap();
+        let jacobian = nuisance.whiten_jacobian(&jacobian).unwrap();
         let mut white = frame.clone();
-        side.whiten(&mut white).unwrap();
+        nuisance.whiten(&mut white).unwrap();
         let settings = DifferenceSettings { hyperparameter: 0.4, ..Default::default() };
         let mut after = Difference::new(&jacobian, &prior, settings).unwrap();
         if takes_over {
