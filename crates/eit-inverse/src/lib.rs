@@ -23,10 +23,9 @@ pub use one_step::{
     NoiseTarget, Reconstructor, Report, Workspace,
 };
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
-#[doc(hidden)]
-pub use sequence as baseline;
 pub use sequence::{
-    Certificate, Differences, Movie, MovieMethod, MovieReport, MovieStatus, TracePoint,
+    Certificate, Differences, ImageSequence, SequenceReport, SequenceSolver, SequenceStatus,
+    TracePoint,
 };
 #[cfg(feature = "st-tv")]
 pub use st_tv::{

@@ -1,4 +1,4 @@
-//! Classical methods that turn difference data of a sequence into a movie: what newer ones are
+//! Classical methods that turn difference data of a sequence into images: what newer ones are
 //! measured against.
 //!
 //! | method | prior in time | one frame costs, flops |
@@ -19,13 +19,14 @@ mod absolute;
 mod kalman;
 mod markov;
 mod modes;
-mod movie;
 mod one_step;
+mod solver;
 mod time_prior;
 
 pub use absolute::{AbsoluteFrameReport, AbsoluteGaussNewton, AbsoluteSettings};
 pub use kalman::{KalmanFilter, KalmanSettings, KalmanSmoother};
-pub use movie::{
-    Certificate, Differences, Movie, MovieMethod, MovieReport, MovieStatus, TracePoint,
+pub use solver::{
+    Certificate, Differences, ImageSequence, SequenceReport, SequenceSolver, SequenceStatus,
+    TracePoint,
 };
 pub use time_prior::{TimePrior, TimePriorSettings};

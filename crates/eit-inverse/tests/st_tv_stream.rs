@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
 
 use eit_inverse::{
-    Differences, Fidelity, Gradient, InverseError, MovieStatus, StTv, StTvSettings, StTvStream,
+    Differences, Fidelity, Gradient, InverseError, SequenceStatus, StTv, StTvSettings, StTvStream,
     Stop, StreamSettings,
 };
 use ndarray::{Array1, Array2};
@@ -92,7 +92,7 @@ fn equals_the_batch_solution_of_the_window_to_the_gap() {
         let mut stream = stream_of(&solver, window, lag);
         for (f, dv) in scene.frames.iter().enumerate() {
             let step = stream.push(dv, None).unwrap();
-            assert_eq!(step.status, MovieStatus::Converged, "frame {f}: {:?}", step.certificate);
+            assert_eq!(step.status, SequenceStatus::Converged, "frame {f}: {:?}", step.certificate);
             assert!(step.certificate.relative_gap() <= GAP, "frame {f}");
             assert_eq!(step.image.is_some(), f >= lag, "frame {f}");
             let own = step.certificate;
@@ -211,7 +211,7 @@ fn a_dropped_frame_is_interpolated() {
             10 => stream.push_dropped(),
             _ => stream.push(dv, None).unwrap(),
         };
-        assert_eq!(step.status, MovieStatus::Converged, "frame {f}: {:?}", step.certificate);
+        assert_eq!(step.status, SequenceStatus::Converged, "frame {f}: {:?}", step.certificate);
         if f == 12 {
             assert_eq!(step.residual, 0.0, "a frame without data has no residual");
             let image = step.image.unwrap();
@@ -345,7 +345,7 @@ fn a_first_frame_next_to_nothing_does_not_spoil_the_rest() {
         let _ = stream.push(&rounding, None).unwrap();
         for (f, dv) in scene.frames.iter().enumerate() {
             let step = stream.push(dv, None).unwrap();
-            assert_eq!(step.status, MovieStatus::Converged, "frame {f}: {:?}", step.certificate);
+            assert_eq!(step.status, SequenceStatus::Converged, "frame {f}: {:?}", step.certificate);
         }
     }
 }
@@ -384,7 +384,7 @@ fn frames_that_equal_the_reference_cost_nothing_once_the_window_holds_no_other()
         for dv in &scene.frames[3..] {
             let [rested, new] = [&mut stream, &mut fresh].map(|stream| {
                 let step = stream.push(dv, None).unwrap();
-                assert_eq!(step.status, MovieStatus::Converged);
+                assert_eq!(step.status, SequenceStatus::Converged);
                 step.certificate
             });
             // both certified: the intervals of the window's optimum overlap

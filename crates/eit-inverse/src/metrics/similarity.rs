@@ -46,7 +46,7 @@ pub fn structural_similarity(
 /// whole window lies in the mask, this is the published index.
 ///
 /// `data_range` is `L`, in the unit of the images; `None`: largest less smallest value of the
-/// truth in the mask. Give one for all frames of a movie, so that they are measured alike. The
+/// truth in the mask. Give one for all frames of a sequence, so that they are measured alike. The
 /// result is `None` where it is left out and the truth is constant, or where the mask is empty.
 ///
 /// Source: Wang, Bovik, Sheikh, Simoncelli, *IEEE Trans. Image Process.* 13 (2004), 600-612.

@@ -1,4 +1,4 @@
-//! Figures of merit of movies: how smoothly a track runs, how much of an image is no touch.
+//! Figures of merit of image sequences: how smoothly a track runs, how much of an image is no touch.
 
 use super::cells::{Cells, check_place};
 use crate::InverseError;

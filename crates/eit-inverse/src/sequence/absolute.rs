@@ -30,7 +30,7 @@ const SAME_ROW: f64 = 1e-6;
 /// image = sigma(x) - sigma_ref,      J = dF/dsigma dsigma/dx at x_k
 /// ```
 ///
-/// Unknowns are elements; the movie is `[frame, element]`, siemens (per square). `lambda`, `s`, `W`
+/// Unknowns are elements; the images are `[frame, element]`, siemens (per square). `lambda`, `s`, `W`
 /// and `P = R^-1` are those of [`Difference`](crate::Difference), whose image is the first step from
 /// the reference to first order in `dv`.
 ///
@@ -42,8 +42,8 @@ const SAME_ROW: f64 = 1e-6;
 ///
 /// **Steps** are halved until the objective falls by Armijo's rule. A frame starts from the result
 /// of the last frame that had data, or from the reference where that explains it better, so a failed
-/// start is not handed on. Masked channels of a frame are left out of `F` and `J`, at the same `lambda^2 s`; a
-/// frame without a good channel gets the image zero.
+/// start is not handed on. Masked channels of a frame are left out of `F` and `J`, at the same
+/// `lambda^2 s`; a frame without a good channel gets the image zero.
 ///
 /// One step costs a forward solution and its Jacobian, the prior's `J P`, `m^2 n` flops for
 /// `J P J'`, `m^3 / 3` for its Cholesky factor; one halving a forward solution. The factor needs
@@ -117,7 +117,7 @@ impl<'a> AbsoluteGaussNewton<'a> {
         })
     }
 
-    /// How each frame of the latest movie went, `[frame]`.
+    /// How each frame of the latest sequence went, `[frame]`.
     pub fn frame_reports(&self) -> &[AbsoluteFrameReport] {
         &self.reports
     }

@@ -3,7 +3,7 @@
 use super::markov::{Belief, Markov, smooth};
 use super::modes::{Modes, whiten};
 use crate::check::check_length;
-use crate::{DifferenceSettings, Differences, InverseError, Movie, MovieMethod, Prior};
+use crate::{DifferenceSettings, Differences, ImageSequence, InverseError, Prior, SequenceSolver};
 use ndarray::ArrayRef2;
 
 /// Smallest ratio of process noise to initial variance: below, `phi^2 C + q I` loses `q` in the
@@ -62,7 +62,7 @@ impl KalmanSettings {
     }
 }
 
-/// The most probable movie for images that walk at random.
+/// The most probable sequence for images that walk at random.
 ///
 /// ```text
 /// dsigma_1 ~ N(0, p0 P),   dsigma_t+1 = dsigma_t + N(0, q P),   dv_t = J dsigma_t + N(0, mu W^-1)
@@ -71,8 +71,8 @@ impl KalmanSettings {
 /// with `J`, `W`, `P` and `mu = lambda^2 s` of [`Difference`](crate::Difference). Kalman filter and
 /// Rauch-Tung-Striebel smoother on the eigenvectors of `W^1/2 J P J' W^1/2`: `r` scalar filters, 10
 /// flops each a frame, beside the `2 r (m + n)` of the image. Masked channels cost as told at
-/// [`TimePrior`](crate::baseline::TimePrior); a frame without a good channel is interpolated.
-/// Movies are `[frame, element]`, siemens (per square).
+/// [`TimePrior`](crate::sequence::TimePrior); a frame without a good channel is interpolated.
+/// Images are `[frame, element]`, siemens (per square).
 ///
 /// Source: Rauch, Tung, Striebel, *AIAA J.* 3 (1965), 1445-1450; Vauhkonen, Karjalainen, Kaipio,
 /// *IEEE Trans. Biomed. Eng.* 45 (1998), 486-493.
@@ -99,12 +99,15 @@ impl KalmanSmoother {
     }
 }
 
-impl MovieMethod for KalmanSmoother {
+impl SequenceSolver for KalmanSmoother {
     fn name(&self) -> &'static str {
         "kalman-smoother"
     }
 
-    fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError> {
+    fn reconstruct_sequence(
+        &mut self,
+        frames: &Differences<'_>,
+    ) -> Result<ImageSequence, InverseError> {
         smooth(self.name(), &self.modes, &self.process, frames)
     }
 }

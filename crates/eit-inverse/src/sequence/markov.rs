@@ -21,7 +21,7 @@
 //! Sayed, Hassibi, *Linear Estimation* (2000), chapter 12.
 
 use super::modes::Modes;
-use crate::{Differences, InverseError, Movie, MovieReport, MovieStatus};
+use crate::{Differences, ImageSequence, InverseError, SequenceReport, SequenceStatus};
 use faer::linalg::solvers::{Llt, SolveLstsq};
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::prelude::Solve;
@@ -176,7 +176,7 @@ fn update_full(
     Ok(turned.transpose() * &turned)
 }
 
-/// The smoothed movie of a sequence: `O(r)` a frame beside `2 r (m + n)` of every linear method
+/// The smoothed images of a sequence: `O(r)` a frame beside `2 r (m + n)` of every linear method
 /// where all frames lack the same channels (none, mostly), `4 m r^2 + 5 r^3` flops and `8 r^2`
 /// bytes a frame where they do not.
 pub(super) fn smooth(
@@ -184,7 +184,7 @@ pub(super) fn smooth(
     modes: &Modes,
     process: &Markov,
     frames: &Differences<'_>,
-) -> Result<Movie, InverseError> {
+) -> Result<ImageSequence, InverseError> {
     let start = Instant::now();
     let (whitened, masked) = modes.whiten_all(frames)?;
     let restricted = match masked.first() {
@@ -207,16 +207,16 @@ pub(super) fn smooth(
             (modes.images(&amplitudes), modes.residuals(&amplitudes, &whitened, &masked))
         }
     };
-    let report = MovieReport {
+    let report = SequenceReport {
         method,
-        status: MovieStatus::Direct,
+        status: SequenceStatus::Direct,
         iterations: 0,
         seconds: start.elapsed().as_secs_f64(),
         residual,
         certificate: None,
         trace: Vec::new(),
     };
-    Ok(Movie { images, report })
+    Ok(ImageSequence { images, report })
 }
 
 /// Do all frames lack the same channels, at least one and not all?

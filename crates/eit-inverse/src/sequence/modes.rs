@@ -7,10 +7,10 @@
 //! E[dsigma | a] = P J' W^1/2 U D^-1/2 a = B D^-1/2 a
 //! ```
 //!
-//! with `mu = lambda^2 s`, see [`Difference`](crate::Difference). A movie covariance `K (x) P` keeps
-//! this form with `K` between the frames of every amplitude; what the measurements do not see of an
-//! image is independent of the amplitudes and stays zero. Source: Adler, Dai, Lionheart, *Physiol.
-//! Meas.* 28 (2007), S1-S11, whose `K (x) P` this is.
+//! with `mu = lambda^2 s`, see [`Difference`](crate::Difference). A covariance of the sequence `K
+//! (x) P` keeps this form with `K` between the frames of every amplitude; what the measurements do
+//! not see of an image is independent of the amplitudes and stays zero. Source: Adler, Dai,
+//! Lionheart, *Physiol. Meas.* 28 (2007), S1-S11, whose `K (x) P` this is.
 
 use crate::check::check_positive;
 use crate::data::Channels;

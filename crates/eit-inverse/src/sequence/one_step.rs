@@ -1,8 +1,8 @@
 //! One-step Gauss-Newton, frame by frame.
 
 use crate::{
-    Difference, Differences, FrameStatus, InverseError, Movie, MovieMethod, MovieReport,
-    MovieStatus, Workspace,
+    Difference, Differences, FrameStatus, ImageSequence, InverseError, SequenceReport,
+    SequenceSolver, SequenceStatus, Workspace,
 };
 use faer::Col;
 use ndarray::Array2;
@@ -57,13 +57,13 @@ impl Difference {
 
 /// [`Difference`] on every frame of a sequence, none knowing of the others.
 ///
-/// Movies are `[frame, element]`, siemens (per square). Channels that are masked in a frame are left
+/// Images are `[frame, element]`, siemens (per square). Channels that are masked in a frame are left
 /// out of it exactly ([`Reconstructor::reconstruct_without_into`]); a frame without a good channel
 /// gets the image zero, which is the prior's. `2 r (m + n)` flops a frame, and `2 m r` for the
 /// residual, which the eigen-expansion gives without the Jacobian.
 ///
 /// [`Reconstructor::reconstruct_without_into`]: crate::Reconstructor::reconstruct_without_into
-impl MovieMethod for Difference {
+impl SequenceSolver for Difference {
     fn name(&self) -> &'static str {
         "one-step"
     }
@@ -71,7 +71,10 @@ impl MovieMethod for Difference {
     /// # Errors
     /// Besides those of the trait, [`InverseError::LeftOutDominates`] where lambda is too small to
     /// leave the masked channels out.
-    fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError> {
+    fn reconstruct_sequence(
+        &mut self,
+        frames: &Differences<'_>,
+    ) -> Result<ImageSequence, InverseError> {
         let start = Instant::now();
         frames.check_shape(self.reconstructor().measurements())?;
         let workspace = self.workspace();
@@ -83,15 +86,15 @@ impl MovieMethod for Difference {
                 residual.push(self.frame(frames, t, &mut scratch, image)?);
             }
         }
-        let report = MovieReport {
-            method: MovieMethod::name(self),
-            status: MovieStatus::Direct,
+        let report = SequenceReport {
+            method: SequenceSolver::name(self),
+            status: SequenceStatus::Direct,
             iterations: 0,
             residual,
             seconds: start.elapsed().as_secs_f64(),
             certificate: None,
             trace: Vec::new(),
         };
-        Ok(Movie { images, report })
+        Ok(ImageSequence { images, report })
     }
 }

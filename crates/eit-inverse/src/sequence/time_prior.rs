@@ -2,7 +2,7 @@
 
 use super::markov::{Markov, smooth};
 use super::modes::Modes;
-use crate::{DifferenceSettings, Differences, InverseError, Movie, MovieMethod, Prior};
+use crate::{DifferenceSettings, Differences, ImageSequence, InverseError, Prior, SequenceSolver};
 use ndarray::ArrayRef2;
 
 /// Settings of [`TimePrior`].
@@ -22,15 +22,15 @@ impl Default for TimePriorSettings {
     }
 }
 
-/// The most probable movie for Gaussian noise and a Gaussian prior in space and time.
+/// The most probable sequence for Gaussian noise and a Gaussian prior in space and time.
 ///
 /// ```text
-/// movie = argmin  sum_t |dv_t - J dsigma_t|_W^2 + lambda^2 s |movie|_(K (x) P)^-1^2
+/// dsigma = argmin  sum_t |dv_t - J dsigma_t|_W^2 + lambda^2 s |dsigma|_(K (x) P)^-1^2
 /// K_ts = gamma^|t - s|,   gamma = exp(-1 / correlation_frames)
 /// ```
 ///
 /// with `J`, `W`, `P`, `lambda` and `s` of [`Difference`](crate::Difference), whose images these are
-/// for `correlation_frames = 0`. Movies are `[frame, element]`, siemens (per square).
+/// for `correlation_frames = 0`. Images are `[frame, element]`, siemens (per square).
 ///
 /// Solved exactly. The eigenvectors of `W^1/2 J P J' W^1/2` (set-up) part the problem into `r`
 /// scalar ones with covariance `K`; that is the stationary process `a_t+1 = gamma a_t + noise` of
@@ -79,12 +79,15 @@ impl TimePrior {
     }
 }
 
-impl MovieMethod for TimePrior {
+impl SequenceSolver for TimePrior {
     fn name(&self) -> &'static str {
         "time-prior"
     }
 
-    fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError> {
+    fn reconstruct_sequence(
+        &mut self,
+        frames: &Differences<'_>,
+    ) -> Result<ImageSequence, InverseError> {
         smooth(self.name(), &self.modes, &self.process, frames)
     }
 }

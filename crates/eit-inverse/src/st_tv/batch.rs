@@ -127,7 +127,7 @@ impl StTv {
         Ok(())
     }
 
-    /// When [`MovieMethod::reconstruct`](crate::MovieMethod::reconstruct) stops.
+    /// When [`SequenceSolver::reconstruct_sequence`](crate::SequenceSolver::reconstruct_sequence) stops.
     pub fn set_stop(&mut self, stop: Stop) {
         self.stop = stop;
     }

@@ -1,4 +1,4 @@
-//! The data of a movie, compressed: measurements to coefficients in the space that the Jacobian
+//! The data of a sequence, compressed: measurements to coefficients in the space that the Jacobian
 //! can see.
 //!
 //! With `W^1/2 J = U S V'` (singular values `S` above the rounding floor only), a frame is
@@ -25,7 +25,7 @@ use crate::check::check_length;
 use crate::{Differences, InverseError};
 
 /// Modes and targets of a whole sequence.
-pub(crate) struct MovieData {
+pub(crate) struct SequenceData {
     pub(crate) modes: Vec<Mode>,
     /// Index into `modes`, `[frame]`.
     pub(crate) mode_of: Vec<usize>,
@@ -33,7 +33,7 @@ pub(crate) struct MovieData {
     pub(crate) targets: Vec<Target>,
 }
 
-impl MovieData {
+impl SequenceData {
     pub(crate) fn new(
         compression: &Compression,
         frames: &Differences<'_>,

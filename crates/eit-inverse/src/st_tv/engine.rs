@@ -11,7 +11,7 @@
 //! (x, q, q_t, p) += rho ((x^, q^, q_t^, p^) - (x, q, q_t, p))
 //! ```
 //!
-//! with `sigma tau (|D|^2 + 4 + 1) <= 1` (the 4 where the movie has more than one frame, the 1
+//! with `sigma tau (|D|^2 + 4 + 1) <= 1` (the 4 where the sequence has more than one frame, the 1
 //! where there are bounds) and `rho` = 1.9.
 //!
 //! # One sweep

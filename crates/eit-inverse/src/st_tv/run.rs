@@ -10,7 +10,7 @@ use super::settings::Stop;
 use super::state::State;
 use super::step;
 use super::task::Task;
-use crate::{Movie, MovieStatus, TracePoint};
+use crate::{ImageSequence, SequenceStatus, TracePoint};
 use std::time::Instant;
 
 /// Step of the run that finds feasible dual variables, relative to that of the image. Between 30
@@ -121,7 +121,7 @@ impl<'a, T: Float> Run<'a, T> {
     }
 
     /// Runs to the target or a limit.
-    pub(crate) fn finish(mut self, stop: &Stop) -> Movie {
+    pub(crate) fn finish(mut self, stop: &Stop) -> ImageSequence {
         let deadline = stop.deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
         let limits = Limits { iterations: stop.max_iterations, seconds: deadline };
         self.try_constant();
@@ -132,11 +132,11 @@ impl<'a, T: Float> Run<'a, T> {
         let mut growth = GROWTH;
         let status = loop {
             if self.best.gap() <= stop.target_gap {
-                break MovieStatus::Converged;
+                break SequenceStatus::Converged;
             }
             // where the optimum is zero no relative gap can be reached
             if self.best.primal <= SMALLEST_PRIMAL {
-                break MovieStatus::Stalled;
+                break SequenceStatus::Stalled;
             }
             if let Some(status) = self.over(limits) {
                 break status;
@@ -169,7 +169,7 @@ impl<'a, T: Float> Run<'a, T> {
         };
         let (images, residual) = (&self.best.images, &self.best.residual);
         let stride = self.image.stride;
-        self.task.movie(images, stride, residual, &self.trace, status, self.start)
+        self.task.sequence(images, stride, residual, &self.trace, status, self.start)
     }
 
     /// Notes what is known now.
@@ -182,11 +182,11 @@ impl<'a, T: Float> Run<'a, T> {
         });
     }
 
-    fn over(&self, limits: Limits) -> Option<MovieStatus> {
+    fn over(&self, limits: Limits) -> Option<SequenceStatus> {
         if self.start.elapsed().as_secs_f64() >= limits.seconds {
-            Some(MovieStatus::Deadline)
+            Some(SequenceStatus::Deadline)
         } else if self.total >= limits.iterations {
-            Some(MovieStatus::IterationCap)
+            Some(SequenceStatus::IterationCap)
         } else {
             None
         }

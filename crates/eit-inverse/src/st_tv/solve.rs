@@ -5,7 +5,7 @@ use super::run::Run;
 use super::settings::{Stop, Weights};
 use super::task::Task;
 use crate::check::check_positive;
-use crate::{Differences, InverseError, Movie, MovieMethod};
+use crate::{Differences, ImageSequence, InverseError, SequenceSolver};
 use std::time::Instant;
 
 /// Gap below which rounding of `f32` shows.
@@ -20,7 +20,11 @@ impl StTv {
     /// # Errors
     /// Wrong shapes, no frame, a value of a good channel that is not finite, a `delta` that no
     /// image can reach, a target gap that is not positive.
-    pub fn solve(&self, frames: &Differences<'_>, stop: &Stop) -> Result<Movie, InverseError> {
+    pub fn solve(
+        &self,
+        frames: &Differences<'_>,
+        stop: &Stop,
+    ) -> Result<ImageSequence, InverseError> {
         self.solve_with(self.settings.weights(), frames, stop)
     }
 
@@ -30,7 +34,7 @@ impl StTv {
         weights: Weights,
         frames: &Differences<'_>,
         stop: &Stop,
-    ) -> Result<Movie, InverseError> {
+    ) -> Result<ImageSequence, InverseError> {
         let start = Instant::now();
         frames.check(self.compression.measurements)?;
         if frames.values.nrows() == 0 {
@@ -50,12 +54,15 @@ impl StTv {
     }
 }
 
-impl MovieMethod for StTv {
+impl SequenceSolver for StTv {
     fn name(&self) -> &'static str {
         if self.settings.lambda_time > 0.0 { "st-tv" } else { "tv" }
     }
 
-    fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError> {
+    fn reconstruct_sequence(
+        &mut self,
+        frames: &Differences<'_>,
+    ) -> Result<ImageSequence, InverseError> {
         self.solve(frames, &self.stop)
     }
 }

@@ -23,7 +23,7 @@ pub(crate) struct Steps {
     pub(crate) bounds: Option<[f64; 2]>,
 }
 
-/// The iterate of one movie.
+/// The iterate of one sequence.
 ///
 /// Arrays are `[unknown][stride]` or `[row][stride]`, see [`super::kernel`].
 #[derive(Debug, Clone)]

@@ -12,7 +12,7 @@ use super::step;
 use super::window::{Outcome, Which, Window};
 use super::{StTv, quiet::quiet_threshold};
 use crate::check::{check_length, check_positive};
-use crate::{Certificate, InverseError, MovieStatus};
+use crate::{Certificate, InverseError, SequenceStatus};
 use std::time::Instant;
 
 /// What a push gave.
@@ -21,7 +21,7 @@ pub struct StreamStep<'a> {
     /// Image of the lagged frame, siemens, `[unknown]`; `None` until the window reaches back to it.
     pub image: Option<&'a [f64]>,
     /// Why the iteration stopped.
-    pub status: MovieStatus,
+    pub status: SequenceStatus,
     /// Iterations of this push.
     pub iterations: usize,
     /// Bounds on the window's optimum.
@@ -481,7 +481,7 @@ impl StTvStream {
         }
         let primal = if self.window.delta.is_empty() { 0.5 * square } else { 0.0 };
         // the zero image was not shown to be optimal, only not to differ from it beyond noise
-        Outcome { status: MovieStatus::Direct, iterations: 0, primal, lower_bound: 0.0 }
+        Outcome { status: SequenceStatus::Direct, iterations: 0, primal, lower_bound: 0.0 }
     }
 
     /// Objective and residual in the caller's units per unit inside.
@@ -506,7 +506,7 @@ impl StTvStream {
         let mut round = self.expected.max(FIRST_ROUND);
         let mut done = 0;
         let mut outcome = Outcome {
-            status: MovieStatus::Converged,
+            status: SequenceStatus::Converged,
             iterations: 0,
             primal: f64::INFINITY,
             lower_bound: f64::NEG_INFINITY,
@@ -534,10 +534,10 @@ impl StTvStream {
                 return outcome;
             }
             if start.elapsed().as_secs_f64() >= deadline {
-                return Outcome { status: MovieStatus::Deadline, ..outcome };
+                return Outcome { status: SequenceStatus::Deadline, ..outcome };
             }
             if outcome.iterations >= max_iterations {
-                return Outcome { status: MovieStatus::IterationCap, ..outcome };
+                return Outcome { status: SequenceStatus::IterationCap, ..outcome };
             }
         }
     }

@@ -1,10 +1,13 @@
 //! One sequence in the solver's own units.
 
 use super::batch::StTv;
-use super::data::MovieData;
+use super::data::SequenceData;
 use super::problem::{DataTerm, Problem};
 use super::settings::{Fidelity, Weights};
-use crate::{Certificate, Differences, InverseError, Movie, MovieReport, MovieStatus, TracePoint};
+use crate::{
+    Certificate, Differences, ImageSequence, InverseError, SequenceReport, SequenceStatus,
+    TracePoint,
+};
 use ndarray::Array2;
 use std::time::Instant;
 
@@ -12,7 +15,7 @@ use std::time::Instant;
 /// frame's data are 1: then nothing over- or underflows in `f32`, whatever the units.
 pub(crate) struct Task<'a> {
     pub(crate) solver: &'a StTv,
-    pub(crate) data: MovieData,
+    pub(crate) data: SequenceData,
     pub(crate) frames: usize,
     /// Radius of each frame in these units; empty where the data is penalised.
     pub(crate) delta: Vec<f64>,
@@ -32,7 +35,7 @@ impl<'a> Task<'a> {
         frames: &Differences<'_>,
     ) -> Result<Self, InverseError> {
         let Weights { lambda_space, lambda_time, fidelity } = weights;
-        let mut data = MovieData::new(&solver.compression, frames)?;
+        let mut data = SequenceData::new(&solver.compression, frames)?;
         let count = data.targets.len();
         let settings = &solver.settings;
         let square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
@@ -116,8 +119,8 @@ impl<'a> Task<'a> {
         }
     }
 
-    /// The result where the zero movie is optimal without any solve.
-    pub(crate) fn nothing(&self, start: Instant) -> Movie {
+    /// The result where the zero sequence is optimal without any solve.
+    pub(crate) fn nothing(&self, start: Instant) -> ImageSequence {
         let square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
         let norm = |f: usize| {
             let target = &self.data.targets[f];
@@ -125,11 +128,11 @@ impl<'a> Task<'a> {
         };
         let residual: Vec<f64> = (0..self.frames).map(norm).collect();
         let value = if self.delta.is_empty() { 0.5 * square(&residual) } else { 0.0 };
-        Movie {
+        ImageSequence {
             images: Array2::zeros((self.frames, self.solver.unknowns())),
-            report: MovieReport {
+            report: SequenceReport {
                 method: self.name(),
-                status: MovieStatus::Converged,
+                status: SequenceStatus::Converged,
                 iterations: 0,
                 seconds: start.elapsed().as_secs_f64(),
                 residual,
@@ -143,16 +146,16 @@ impl<'a> Task<'a> {
         if self.linked() { "st-tv" } else { "tv" }
     }
 
-    /// A movie from images `[unknown][stride]` and a trace, in these units.
-    pub(crate) fn movie(
+    /// The sequence of images `[unknown][stride]` and a trace, in these units.
+    pub(crate) fn sequence(
         &self,
         images: &[f64],
         stride: usize,
         residual: &[f64],
         trace: &[TracePoint],
-        status: MovieStatus,
+        status: SequenceStatus,
         start: Instant,
-    ) -> Movie {
+    ) -> ImageSequence {
         let unit = self.objective;
         let scaled = |point: &TracePoint| TracePoint {
             primal: point.primal * unit,
@@ -168,9 +171,9 @@ impl<'a> Task<'a> {
             // bounds hold to the last bit
             (images[p * stride + frame] * per_image).clamp(lower, upper)
         };
-        Movie {
+        ImageSequence {
             images: Array2::from_shape_fn((self.frames, unknowns), value),
-            report: MovieReport {
+            report: SequenceReport {
                 method: self.name(),
                 status,
                 iterations: last.map_or(0, |point| point.iterations),

@@ -224,13 +224,13 @@ impl Trial<'_> {
         let lambda_time = self.ratio * lambda_space;
         let weights = Weights { lambda_space, lambda_time, fidelity: Fidelity::Penalised };
         let stop = Stop { target_gap: TRIAL_GAP, max_iterations: 2000, ..Default::default() };
-        let movie = self.solver.solve_with(weights, &self.sample, &stop)?;
+        let sequence = self.solver.solve_with(weights, &self.sample, &stop)?;
         let good = (0..self.sample.values.nrows())
             .map(|f| self.solver.good_channels(&self.sample, f))
             .sum::<usize>();
-        let square: f64 = movie.report.residual.iter().map(|r| r * r).sum();
+        let square: f64 = sequence.report.residual.iter().map(|r| r * r).sum();
         let residual_norm = (square / good.max(1) as f64).sqrt();
-        let primal = movie.report.certificate.map_or(f64::NAN, |c| c.primal);
+        let primal = sequence.report.certificate.map_or(f64::NAN, |c| c.primal);
         let variation = ((primal - 0.5 * square) / lambda_space).max(0.0);
         let point = WeightPoint { lambda_space, residual_norm, variation };
         self.curve.push(point);

@@ -3,7 +3,7 @@
 use super::StTv;
 use super::data::{Mode, Target};
 use super::problem::{DataTerm, Problem};
-use crate::MovieStatus;
+use crate::SequenceStatus;
 
 /// The two runs.
 #[derive(Debug, Clone, Copy)]
@@ -14,7 +14,7 @@ pub(super) enum Which {
 
 /// How the iteration of a push ended, in inner units.
 pub(super) struct Outcome {
-    pub(super) status: MovieStatus,
+    pub(super) status: SequenceStatus,
     pub(super) iterations: usize,
     pub(super) primal: f64,
     pub(super) lower_bound: f64,

@@ -2,7 +2,7 @@
 
 use super::{Made, Task, kind_words};
 use crate::error::ReportError;
-use eit_inverse::{CurvePoint, Differences, HyperparameterStatus, MovieReport};
+use eit_inverse::{CurvePoint, Differences, HyperparameterStatus, SequenceReport};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
 use eit_skin::Progress;
 use eit_skin::method::Method;
@@ -66,7 +66,7 @@ fn images(
     task: &Task<'_>,
     imaging: &Imaging,
     progress: &mut Progress,
-) -> Result<(Array3<f64>, Option<MovieReport>), ReportError> {
+) -> Result<(Array3<f64>, Option<SequenceReport>), ReportError> {
     let Task { scene, setup, linearised, frames, .. } = *task;
     if task.method == Method::GaussNewton {
         return Ok((imaging.images(frames, progress)?.into_parts().0, None));
@@ -89,7 +89,7 @@ fn images(
     };
     let values = frames.differences(imaging.kind);
     let differences = Differences { values: values.view(), good: Some(frames.good.view()) };
-    let movie = progress.stage("images", || method.reconstruct(&differences))?;
+    let movie = progress.stage("images", || method.reconstruct_sequence(&differences))?;
     let pixels = sequence::pixels_of(movie.images.view(), &imaging.raster)?;
     Ok((imaging.raster.images_from_pixels(pixels.view())?, Some(movie.report)))
 }

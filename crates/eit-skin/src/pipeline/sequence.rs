@@ -4,11 +4,11 @@ use super::{Linearised, Setup};
 use crate::error::SkinError;
 use crate::method::Method;
 use crate::scene::Scene;
-use eit_inverse::baseline::{
+use eit_inverse::sequence::{
     AbsoluteGaussNewton, AbsoluteSettings, KalmanSettings, KalmanSmoother, TimePrior,
     TimePriorSettings,
 };
-use eit_inverse::{Difference, DifferenceSettings, MovieMethod, Prior};
+use eit_inverse::{Difference, DifferenceSettings, Prior, SequenceSolver};
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView2};
 
@@ -24,7 +24,7 @@ pub fn method<'a>(
     (setup, linearised): (&'a Setup, &Linearised),
     prior: &'a dyn Prior,
     settings: DifferenceSettings,
-) -> Result<Option<Box<dyn MovieMethod + 'a>>, SkinError> {
+) -> Result<Option<Box<dyn SequenceSolver + 'a>>, SkinError> {
     let jacobian = &linearised.jacobian;
     let difference = settings;
     Ok(Some(match method {

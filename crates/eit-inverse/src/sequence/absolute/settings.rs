@@ -1,8 +1,8 @@
 //! Settings and reports of the iterated reconstruction.
 
-use crate::{DifferenceSettings, InverseError, MovieStatus};
+use crate::{DifferenceSettings, InverseError, SequenceStatus};
 
-/// Settings of [`AbsoluteGaussNewton`](crate::baseline::AbsoluteGaussNewton).
+/// Settings of [`AbsoluteGaussNewton`](crate::sequence::AbsoluteGaussNewton).
 #[derive(Debug, Clone, PartialEq)]
 pub struct AbsoluteSettings {
     /// Hyperparameter, data, noise and channels, as for a single frame. The scale `s` is that of
@@ -71,11 +71,11 @@ impl AbsoluteSettings {
     }
 }
 
-/// How one frame of [`AbsoluteGaussNewton`](crate::baseline::AbsoluteGaussNewton) went.
+/// How one frame of [`AbsoluteGaussNewton`](crate::sequence::AbsoluteGaussNewton) went.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AbsoluteFrameReport {
     /// Why it stopped.
-    pub status: MovieStatus,
+    pub status: SequenceStatus,
     /// Gauss-Newton steps taken.
     pub iterations: usize,
     /// Forward solutions, those of the line search included.

@@ -3,7 +3,9 @@
 use super::step::FrameData;
 use super::{AbsoluteFrameReport, AbsoluteGaussNewton, dot};
 use crate::sequence::modes::whiten;
-use crate::{Differences, InverseError, Movie, MovieMethod, MovieReport, MovieStatus};
+use crate::{
+    Differences, ImageSequence, InverseError, SequenceReport, SequenceSolver, SequenceStatus,
+};
 use ndarray::Array2;
 use std::time::Instant;
 
@@ -23,7 +25,7 @@ impl AbsoluteGaussNewton<'_> {
     }
 }
 
-impl MovieMethod for AbsoluteGaussNewton<'_> {
+impl SequenceSolver for AbsoluteGaussNewton<'_> {
     fn name(&self) -> &'static str {
         "gauss-newton-absolute"
     }
@@ -33,7 +35,10 @@ impl MovieMethod for AbsoluteGaussNewton<'_> {
     ///
     /// # Errors
     /// Besides those of the trait, what [`AbsoluteGaussNewton::new`] says of prior and model.
-    fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError> {
+    fn reconstruct_sequence(
+        &mut self,
+        frames: &Differences<'_>,
+    ) -> Result<ImageSequence, InverseError> {
         let start = Instant::now();
         frames.check_shape(self.channels.count)?;
         self.reports.clear();
@@ -57,7 +62,7 @@ impl MovieMethod for AbsoluteGaussNewton<'_> {
                 before = Some(point);
             }
         }
-        let report = MovieReport {
+        let report = SequenceReport {
             method: self.name(),
             status: worst(&self.reports),
             iterations: self.reports.iter().map(|report| report.iterations).sum(),
@@ -66,14 +71,14 @@ impl MovieMethod for AbsoluteGaussNewton<'_> {
             certificate: None,
             trace: Vec::new(),
         };
-        Ok(Movie { images, report })
+        Ok(ImageSequence { images, report })
     }
 }
 
-fn worst(reports: &[AbsoluteFrameReport]) -> MovieStatus {
+fn worst(reports: &[AbsoluteFrameReport]) -> SequenceStatus {
     let any = |status| reports.iter().any(|report| report.status == status);
-    [MovieStatus::Stalled, MovieStatus::IterationCap]
+    [SequenceStatus::Stalled, SequenceStatus::IterationCap]
         .into_iter()
         .find(|&status| any(status))
-        .unwrap_or(MovieStatus::Converged)
+        .unwrap_or(SequenceStatus::Converged)
 }

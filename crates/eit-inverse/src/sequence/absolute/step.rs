@@ -3,7 +3,7 @@
 
 use super::{AbsoluteFrameReport, AbsoluteGaussNewton, dot};
 use crate::one_step::{covariance_times, weighted_rows};
-use crate::{InverseError, MovieStatus};
+use crate::{InverseError, SequenceStatus};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::prelude::Solve;
 use faer::{Accum, Col, ColRef, Mat, MatRef, Par, Side};
@@ -155,29 +155,29 @@ impl AbsoluteGaussNewton<'_> {
         let (tolerance, cap) = (self.settings.relative_decrease, self.settings.max_iterations);
         let mut objective = vec![point.objective];
         let mut predicted_decrease = 0.0;
-        let mut status = MovieStatus::IterationCap;
+        let mut status = SequenceStatus::IterationCap;
         while objective.len() <= cap {
             forward_solves += 1;
             let Some(step) = self.step(&point, data.masked)? else {
-                status = MovieStatus::Stalled;
+                status = SequenceStatus::Stalled;
                 break;
             };
             let last = point.objective;
             predicted_decrease = if last > 0.0 { step.predicted / last } else { 0.0 };
             if predicted_decrease <= tolerance {
-                status = MovieStatus::Converged;
+                status = SequenceStatus::Converged;
                 break;
             }
             let (found, solves) = self.search(&point, &step, data);
             forward_solves += solves;
             let Some(found) = found else {
-                status = MovieStatus::Stalled;
+                status = SequenceStatus::Stalled;
                 break;
             };
             point = found;
             objective.push(point.objective);
             if last - point.objective <= tolerance * last {
-                status = MovieStatus::Converged;
+                status = SequenceStatus::Converged;
                 break;
             }
         }

@@ -1,4 +1,4 @@
-//! Movies of the classical methods against hand solutions, the dense solution of the whole sequence,
+//! Images of the classical methods against hand solutions, the dense solution of the whole sequence,
 //! each other, and simulations on a finer mesh.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
@@ -7,13 +7,13 @@ mod common;
 
 use common::{Random, disc, jacobian, relative_difference, solve};
 use eit_fem::{FemError, ForwardModel, PairProtocol};
-use eit_inverse::baseline::{
+use eit_inverse::sequence::{
     AbsoluteGaussNewton, AbsoluteSettings, KalmanFilter, KalmanSettings, KalmanSmoother, TimePrior,
     TimePriorSettings,
 };
 use eit_inverse::{
     Difference, DifferenceData, DifferenceSettings, Differences, InverseError, Laplace,
-    LaplaceSettings, MovieMethod, MovieStatus, Noser, Prior, Tikhonov,
+    LaplaceSettings, Noser, Prior, SequenceSolver, SequenceStatus, Tikhonov,
 };
 use eit_mesh::{Mesh, MeshSettings, RimElectrodes, SkinShape, generate};
 use ndarray::{Array1, Array2, ArrayView2, Axis, array};
@@ -45,16 +45,16 @@ fn one_step(
 }
 
 fn images(
-    method: &mut dyn MovieMethod,
+    method: &mut dyn SequenceSolver,
     values: &Array2<f64>,
     good: Option<&Array2<bool>>,
 ) -> Array2<f64> {
     let frames = Differences { values: values.view(), good: good.map(|good| good.view()) };
-    method.reconstruct(&frames).unwrap().images
+    method.reconstruct_sequence(&frames).unwrap().images
 }
 
 /// Methods that weigh a linear model by a covariance in time, `[method]`, with that covariance.
-type InTime = (Box<dyn MovieMethod>, Array2<f64>);
+type InTime = (Box<dyn SequenceSolver>, Array2<f64>);
 
 fn methods_in_time(
     jacobian: &Array2<f64>,
@@ -104,7 +104,7 @@ fn scene(seed: u64, [frames, measurements, elements]: [usize; 3], lambda: f64) -
     }
 }
 
-/// The most probable movie and its residuals, with all covariances of the sequence as dense
+/// The most probable images and their residuals, with all covariances of the sequence as dense
 /// matrices: `(K (x) P) J~' (J~ (K (x) P) J~' + lambda^2 s W^-1)^-1 dv`, masked rows left out.
 fn batch(
     scene: &Scene,
@@ -145,25 +145,28 @@ fn compare_with_batch(scene: &Scene, good: &Array2<bool>, tolerance: f64) {
     let frames = Differences { values: values.view(), good: Some(good.view()) };
     let methods = methods_in_time(&scene.jacobian, &scene.prior, &scene.difference, values.nrows());
     for (mut method, in_time) in methods {
-        let movie = method.reconstruct(&frames).unwrap();
+        let sequence = method.reconstruct_sequence(&frames).unwrap();
         let (images, residual) = batch(scene, &in_time, |t, i| good[(t, i)]);
         let name = method.name();
-        assert_eq!((movie.report.method, movie.report.status), (name, MovieStatus::Direct));
+        assert_eq!(
+            (sequence.report.method, sequence.report.status),
+            (name, SequenceStatus::Direct)
+        );
         if good.iter().any(|good| *good) {
-            let error = relative_difference(&movie.images, &images);
+            let error = relative_difference(&sequence.images, &images);
             assert!(error < tolerance, "{name} {in_time:?} {good:?}: image off by {error:e}");
             // a frame that is fitted to the last digit has a residual of rounding alone: relative
-            // to the largest of the movie, not each to its own
-            let error = relative_difference(&movie.report.residual, &residual);
+            // to the largest of the sequence, not each to its own
+            let error = relative_difference(&sequence.report.residual, &residual);
             assert!(error < 10.0 * tolerance, "{name}: residual off by {error:e}");
         } else {
-            assert!(movie.images.iter().all(|x| *x == 0.0), "{name}: the prior's mean");
+            assert!(sequence.images.iter().all(|x| *x == 0.0), "{name}: the prior's mean");
         }
     }
 }
 
 #[test]
-fn movies_are_the_dense_solution_of_the_whole_sequence() {
+fn images_are_the_dense_solution_of_the_whole_sequence() {
     for (seed, lambda) in [(1, 0.3), (2, 0.03), (3, 1e-3)] {
         let scene = scene(seed, [5, 7, 11], lambda);
         let none = Array2::from_elem((5, 7), true);
@@ -205,10 +208,10 @@ fn scalar_problems_by_hand() {
     // A = 4, s = 4, mu = 0.25 * 4 = 1: image = 2 / (4 + 1) dv
     let mut one = one_step(&jacobian, &prior, &single(0.5));
     let frames = Differences::all_good(values.view());
-    let movie = MovieMethod::reconstruct(&mut one, &frames).unwrap();
-    assert!(relative_difference(&movie.images, &array![[2.0], [4.0]]) < 1e-15);
+    let sequence = one.reconstruct_sequence(&frames).unwrap();
+    assert!(relative_difference(&sequence.images, &array![[2.0], [4.0]]) < 1e-15);
     // 2 * 2 - 5, 2 * 4 - 10
-    assert!(relative_difference(&movie.report.residual, &[1.0, 2.0]) < 1e-14);
+    assert!(relative_difference(&sequence.report.residual, &[1.0, 2.0]) < 1e-14);
     // K = [[1, g], [g, 1]]: 2 K (4 K + I)^-1 has the eigenvalues 2 (1 +- g) / (5 +- 4 g) on the sum
     // and the difference of the two frames; g = 1/2: 3/7 and 1/3
     let settings =
@@ -275,8 +278,8 @@ fn without_correlation_in_time_every_frame_is_one_step() {
         for masked in [vec![], vec![(1, 3), (1, 4), (4, 39)], (0..40).map(|i| (2, i)).collect()] {
             masked.into_iter().for_each(|at| good[at] = false);
             let frames = Differences { values: values.view(), good: Some(good.view()) };
-            let a = MovieMethod::reconstruct(&mut one, &frames).unwrap();
-            let b = in_time.reconstruct(&frames).unwrap();
+            let a = one.reconstruct_sequence(&frames).unwrap();
+            let b = in_time.reconstruct_sequence(&frames).unwrap();
             // the same spectrum, the same sums in another order: measured 2e-15
             assert!(relative_difference(&b.images, &a.images) < 1e-13, "lambda {lambda}");
             // one from the Jacobian, the others from the spectrum: measured 1e-12
@@ -303,7 +306,7 @@ fn masked_everywhere_is_built_without() {
     let mut without = DifferenceSettings { used: Some(used), ..difference.clone() };
     // the same lambda^2 s, see `Reconstructor::reconstruct_without_into`
     without.hyperparameter *= (scale(&difference) / scale(&without)).sqrt();
-    let one = |settings: &DifferenceSettings| -> Box<dyn MovieMethod> {
+    let one = |settings: &DifferenceSettings| -> Box<dyn SequenceSolver> {
         Box::new(one_step(&jacobian, &prior, settings))
     };
     let mut pairs = vec![(one(&difference), one(&without))];
@@ -337,9 +340,9 @@ fn the_filter_is_the_smoother_of_the_frames_so_far() {
             let so_far: Vec<usize> = (0..=t).collect();
             let values = scene.values.select(Axis(0), &so_far);
             let masks = good.select(Axis(0), &so_far);
-            let movie = images(&mut smoother, &values, Some(&masks));
+            let sequence = images(&mut smoother, &values, Some(&masks));
             // the same operations on the same numbers, but for the product of the image
-            assert!(relative_difference(&image, movie.row(t)) < 1e-14, "frame {t}");
+            assert!(relative_difference(&image, sequence.row(t)) < 1e-14, "frame {t}");
             assert_eq!(filter.frames(), t + 1);
         }
         // a wrong frame leaves no trace
@@ -388,7 +391,7 @@ fn normalised_data_is_plain_data_in_other_units() {
 #[test]
 fn wrong_data_is_refused() {
     let (jacobian, prior, difference, values) = skin(0.05, 3);
-    let mut methods: Vec<Box<dyn MovieMethod>> =
+    let mut methods: Vec<Box<dyn SequenceSolver>> =
         vec![Box::new(one_step(&jacobian, &prior, &difference))];
     methods
         .extend(methods_in_time(&jacobian, &prior, &difference, 3).into_iter().map(|pair| pair.0));
@@ -401,7 +404,7 @@ fn wrong_data_is_refused() {
         // a mask in that frame, but elsewhere
         masked[(2, 30)] = false;
         let frames = Differences { values: bad.view(), good: Some(masked.view()) };
-        let error = method.reconstruct(&frames).unwrap_err();
+        let error = method.reconstruct_sequence(&frames).unwrap_err();
         assert!(
             matches!(error, InverseError::NonFiniteData { frame: 2, measurement: 11, value } if value.is_nan()),
             "{}: {error}",
@@ -411,12 +414,12 @@ fn wrong_data_is_refused() {
     }
 }
 
-fn refuses_wrong_data(method: &mut dyn MovieMethod, values: &Array2<f64>) {
+fn refuses_wrong_data(method: &mut dyn SequenceSolver, values: &Array2<f64>) {
     let (frames, measurements) = values.dim();
     for value in [f64::NAN, f64::INFINITY] {
         let mut bad = values.clone();
         bad[(1, 5)] = value;
-        let error = method.reconstruct(&Differences::all_good(bad.view())).unwrap_err();
+        let error = method.reconstruct_sequence(&Differences::all_good(bad.view())).unwrap_err();
         assert!(
             matches!(error, InverseError::NonFiniteData { frame: 1, measurement: 5, .. }),
             "{}: {error}",
@@ -424,12 +427,15 @@ fn refuses_wrong_data(method: &mut dyn MovieMethod, values: &Array2<f64>) {
         );
     }
     let narrow = Array2::zeros((frames, measurements - 1));
-    let wrong = method.reconstruct(&Differences::all_good(narrow.view()));
+    let wrong = method.reconstruct_sequence(&Differences::all_good(narrow.view()));
     assert!(matches!(wrong, Err(InverseError::WrongLength { .. })));
     for shape in [(frames - 1, measurements), (frames, measurements + 1)] {
         let good = Array2::from_elem(shape, true);
         let frames = Differences { values: values.view(), good: Some(good.view()) };
-        assert!(matches!(method.reconstruct(&frames), Err(InverseError::WrongLength { .. })));
+        assert!(matches!(
+            method.reconstruct_sequence(&frames),
+            Err(InverseError::WrongLength { .. })
+        ));
     }
 }
 
@@ -445,8 +451,9 @@ fn settings_out_of_range_are_refused() {
     // a negative zero is a zero
     let settings = TimePriorSettings { correlation_frames: -0.0, ..Default::default() };
     let values = Array2::ones((2, 40));
-    let movie = images(&mut TimePrior::new(&jacobian, &prior, &settings).unwrap(), &values, None);
-    assert!(movie.iter().all(|x| x.is_finite()));
+    let sequence =
+        images(&mut TimePrior::new(&jacobian, &prior, &settings).unwrap(), &values, None);
+    assert!(sequence.iter().all(|x| x.is_finite()));
     for (process_noise, initial_variance) in [
         (0.0, 1.0),
         (-1.0, 1.0),
@@ -555,12 +562,13 @@ fn strong_contrast_from_a_finer_mesh_is_found_better_than_by_one_step() {
             let settings = AbsoluteSettings { difference: single(lambda), ..Default::default() };
             let mut method =
                 AbsoluteGaussNewton::new(&coarse, &reference, &prior, settings).unwrap();
-            let movie = method.reconstruct(&Differences::all_good(values.view())).unwrap();
-            assert_eq!(movie.report.status, MovieStatus::Converged);
+            let sequence =
+                method.reconstruct_sequence(&Differences::all_good(values.view())).unwrap();
+            assert_eq!(sequence.report.status, SequenceStatus::Converged);
             let report = &method.frame_reports()[0];
             assert!(never_rises(&report.objective), "{:?}", report.objective);
-            assert_eq!(report.iterations, movie.report.iterations);
-            error_of(&movie.images, &truth, &mesh)
+            assert_eq!(report.iterations, sequence.report.iterations);
+            error_of(&sequence.images, &truth, &mesh)
         });
         let best = |errors: &[f64]| errors.iter().copied().fold(f64::INFINITY, f64::min);
         assert!(best(&iterated) < gain * best(&one), "{iterated:?} against {one:?}");
@@ -606,11 +614,12 @@ fn bounds_hold_exactly_and_the_objective_never_rises() {
             };
             let mut method =
                 AbsoluteGaussNewton::new(&model, &reference, &prior, settings).unwrap();
-            let movie = method.reconstruct(&Differences::all_good(values.view())).unwrap();
+            let sequence =
+                method.reconstruct_sequence(&Differences::all_good(values.view())).unwrap();
             // the image is sigma - sigma_ref, rounded once more
             let [lower, upper] = bounds_s.map(|b| b - CONDUCTIVITY_S);
-            assert!(movie.images.iter().all(|x| (lower..=upper).contains(x)), "{bounds:?}");
-            let least = movie.images.iter().copied().fold(0.0, f64::min);
+            assert!(sequence.images.iter().all(|x| (lower..=upper).contains(x)), "{bounds:?}");
+            let least = sequence.images.iter().copied().fold(0.0, f64::min);
             if tight && lambda < 0.05 {
                 // it is the bound that holds it: the touches go ten times beyond
                 assert!(least < 0.9 * lower, "{bounds:?}: {least:e} of {lower:e}");
@@ -666,12 +675,13 @@ fn the_objective_is_the_one_documented_and_the_image_its_minimum() {
     let mu = lambda * lambda * scale.report().scale;
     let mut method =
         AbsoluteGaussNewton::new(&small.model, &small.reference, &prior, settings).unwrap();
-    let movie = method.reconstruct(&Differences::all_good(small.values.view())).unwrap();
-    assert_eq!(movie.report.status, MovieStatus::Converged);
+    let sequence =
+        method.reconstruct_sequence(&Differences::all_good(small.values.view())).unwrap();
+    assert_eq!(sequence.report.status, SequenceStatus::Converged);
     let mut random = Random(3);
     for (t, report) in method.frame_reports().iter().enumerate() {
         let log = range.ln();
-        let x: Vec<f64> = movie
+        let x: Vec<f64> = sequence
             .images
             .row(t)
             .iter()
@@ -769,12 +779,12 @@ fn a_frame_starts_from_the_frame_before() {
     let mut method =
         AbsoluteGaussNewton::new(&model, &reference, &prior, AbsoluteSettings::default()).unwrap();
     let twice = values.select(Axis(0), &[1, 1]);
-    let movie = images(&mut method, &twice, None);
+    let sequence = images(&mut method, &twice, None);
     let [first, second] = [0, 1].map(|t| method.frame_reports()[t].clone());
     assert!(first.iterations > 1 && second.iterations <= 1, "{first:?} {second:?}");
     assert!(second.objective[0] <= *first.objective.last().unwrap() * (1.0 + 1e-12));
     // and a sequence does not depend on the one before it
-    assert_eq!(images(&mut method, &twice, None), movie);
+    assert_eq!(images(&mut method, &twice, None), sequence);
     // no change, no image, no step
     let still = images(&mut method, &Array2::zeros((2, 40)), None);
     assert!(still.iter().all(|x| *x == 0.0));
@@ -795,7 +805,7 @@ fn normalised_data_of_the_iterated_reconstruction() {
     let [a, b] = [(plain, values), (normalised, ratios)].map(|(difference, values)| {
         let settings = AbsoluteSettings { difference, ..Default::default() };
         let mut method = AbsoluteGaussNewton::new(&model, &reference, &prior, settings).unwrap();
-        method.reconstruct(&Differences::all_good(values.view())).unwrap()
+        method.reconstruct_sequence(&Differences::all_good(values.view())).unwrap()
     });
     // the same problem in other units, rounding of a few steps: measured 4e-13
     assert!(relative_difference(&b.images, &a.images) < 1e-10);

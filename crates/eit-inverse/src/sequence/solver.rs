@@ -1,4 +1,4 @@
-//! What every method that turns a sequence of frames into a movie has in common.
+//! What all solvers of sequences have in common.
 
 use crate::InverseError;
 use crate::check::check_length;
@@ -50,10 +50,10 @@ impl<'a> Differences<'a> {
     }
 }
 
-/// Why a movie method stopped.
+/// Why a solver stopped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum MovieStatus {
+pub enum SequenceStatus {
     /// A direct method: nothing to converge.
     Direct,
     /// The asked accuracy is reached.
@@ -69,7 +69,7 @@ pub enum MovieStatus {
 /// Bounds on the optimum that a convex method proves with its result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Certificate {
-    /// Objective of the returned movie, an upper bound on the optimum.
+    /// Objective of the returned sequence, an upper bound on the optimum.
     pub primal: f64,
     /// Objective of a feasible dual point, a lower bound on the optimum.
     pub lower_bound: f64,
@@ -77,7 +77,7 @@ pub struct Certificate {
 
 impl Certificate {
     /// `(primal - lower_bound) / primal`: the most by which the objective can still fall, relative
-    /// to it. 0 where the primal value is 0, infinite where no feasible movie is known or no lower
+    /// to it. 0 where the primal value is 0, infinite where no feasible sequence is known or no lower
     /// bound.
     pub fn relative_gap(&self) -> f64 {
         if self.primal == 0.0 {
@@ -91,14 +91,14 @@ impl Certificate {
     }
 }
 
-/// How a movie came about.
+/// How a sequence came about.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MovieReport {
+pub struct SequenceReport {
     /// The method's name: `st-tv`, `tv`, `one-step`, `time-prior`, `kalman-smoother`,
     /// `gauss-newton-absolute`.
     pub method: &'static str,
     /// Why it stopped.
-    pub status: MovieStatus,
+    pub status: SequenceStatus,
     /// Iterations (0 for a direct method).
     pub iterations: usize,
     /// Wall time of this call without the method's set-up, seconds.
@@ -119,7 +119,7 @@ pub struct TracePoint {
     pub seconds: f64,
     /// Iterations, those for bounds included.
     pub iterations: usize,
-    /// Best objective so far; infinite where no feasible movie is known.
+    /// Best objective so far; infinite where no feasible sequence is known.
     pub primal: f64,
     /// Best lower bound so far.
     pub lower_bound: f64,
@@ -127,27 +127,30 @@ pub struct TracePoint {
 
 /// A reconstructed sequence.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Movie {
+pub struct ImageSequence {
     /// Change of sheet conductivity, siemens, `[frame, unknown]`, in the order of the Jacobian's
     /// columns.
     pub images: Array2<f64>,
     /// How it came about.
-    pub report: MovieReport,
+    pub report: SequenceReport,
 }
 
-/// A method that turns difference data into a movie of conductivity changes.
+/// A method that turns difference data into a sequence of images of the conductivity change.
 ///
 /// Set-up (factorisations, hyperparameters) is each method's own constructor; this is the part
 /// that runs for each sequence.
-pub trait MovieMethod {
-    /// As in [`MovieReport::method`].
+pub trait SequenceSolver {
+    /// As in [`SequenceReport::method`].
     fn name(&self) -> &'static str;
 
     /// Reconstructs a sequence.
     ///
     /// # Errors
     /// Wrong shapes, a value of a good channel that is not finite.
-    fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError>;
+    fn reconstruct_sequence(
+        &mut self,
+        frames: &Differences<'_>,
+    ) -> Result<ImageSequence, InverseError>;
 }
 
 #[cfg(test)]
