@@ -1,4 +1,4 @@
-//! `reconstruction.electrode_movement_m`: displacements of electrodes as unknowns beside the image, on
+//! `reconstruction.electrode_movement_m`: displacements of electrodes as nuisance parameters, on
 //! the simulated fabric, whose rim gives way.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
 

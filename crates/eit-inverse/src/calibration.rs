@@ -6,8 +6,6 @@ mod settings;
 
 pub use settings::{CalibrationSettings, CalibrationStatus, Contacts};
 
-use crate::InverseError;
-use eit_fem::ForwardModel;
 use ndarray::Array2;
 
 /// A calibrated skin: what every absolute image starts from.
@@ -70,20 +68,6 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Fits a frame, `[measurement]`, volts. The contact impedances of `model` are not used: those
-    /// of the settings are.
-    ///
-    /// # Errors
-    /// A frame or settings of the wrong length or range; values that are used and not finite;
-    /// [`InverseError::UnlikeModel`] for a frame of the opposite sign; [`InverseError::Forward`].
-    pub fn of_frame(
-        model: &ForwardModel,
-        frame_v: &[f64],
-        settings: &CalibrationSettings,
-    ) -> Result<Self, InverseError> {
-        fit::Fit::new(model, frame_v, settings)?.run()
-    }
-
     /// Standard deviation of each parameter, `[parameter]`: of logarithms, so relative where small.
     pub fn std(&self) -> Vec<f64> {
         self.covariance.diag().iter().map(|v| v.sqrt()).collect()

@@ -1,44 +1,35 @@
 #![doc = include_str!("../README.md")]
 
-pub mod baseline;
 mod calibration;
+mod check;
 mod data;
 mod error;
-mod gauss_newton;
-#[cfg(feature = "st-tv")]
-mod gradient;
-mod hyperparameter;
-mod left_out;
+mod geometry;
 pub mod metrics;
-mod movie;
+mod noise;
+mod one_step;
 pub mod prior;
-mod reconstructor;
-mod reference;
-mod side;
-mod spectrum;
+pub mod sequence;
 #[cfg(feature = "st-tv")]
 mod st_tv;
 pub mod touch;
-mod whitened;
 
 pub use calibration::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
-pub use data::{DifferenceData, DifferenceSettings, FrameStatus};
+pub use data::{DifferenceData, DifferenceKind, FrameStatus};
 pub use error::InverseError;
-pub use gauss_newton::{Difference, Report};
-#[cfg(feature = "st-tv")]
-pub use gradient::Gradient;
-pub use hyperparameter::{
-    Chosen, CurvePoint, HyperparameterChoice, HyperparameterStatus, NoiseTarget,
-};
-pub use movie::{
-    Certificate, Differences, Movie, MovieMethod, MovieReport, MovieStatus, TracePoint,
+pub use noise::{NuisanceParameters, noise_std_of_quiet_frames};
+pub use one_step::{
+    Chosen, CurvePoint, Difference, DifferenceSettings, HyperparameterChoice, HyperparameterStatus,
+    NoiseTarget, Reconstructor, Report, Workspace,
 };
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
-pub use reconstructor::{Reconstructor, Workspace};
-pub use reference::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};
-pub use side::SideUnknowns;
+pub use sequence::{
+    Certificate, Differences, ImageSequence, SequenceReport, SequenceSolver, SequenceStatus,
+    TracePoint,
+};
 #[cfg(feature = "st-tv")]
 pub use st_tv::{
-    ChosenWeights, Fidelity, StTv, StTvSettings, StTvStream, Stop, StreamSettings, StreamStep,
-    WeightPoint, WeightStatus, noise_std_of_quiet_frames,
+    ChosenWeights, Fidelity, Gradient, StTv, StTvSettings, StTvStream, Stop, StreamSettings,
+    StreamStep, WeightPoint, WeightStatus,
 };
+pub use touch::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};

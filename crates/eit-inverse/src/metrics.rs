@@ -1,11 +1,11 @@
-//! Figures of merit of an image or a movie against the truth.
+//! Figures of merit of an image or an image sequence against the truth.
 //!
 //! | question | figure |
 //! |---|---|
 //! | how near is the image to the truth? | [`relative_error`], [`correlation_coefficient`], [`structural_similarity`] |
 //! | how well does it show one target? | [`greit_figures`], [`half_maximum_centre_m`], [`position_error_m`] |
 //! | does it find several touches? | [`touch_position_errors_m`] |
-//! | how steady is a movie, how much of it is artefact? | [`rms_second_difference_m`], [`artefact_energy`] |
+//! | how steady is a sequence, how much of it is artefact? | [`rms_second_difference_m`], [`artefact_energy`] |
 //!
 //! All but the similarity, which needs the pixels' order, work on elements and on pixels alike.
 
@@ -14,16 +14,18 @@ mod greit;
 mod similarity;
 mod touches;
 mod track;
+mod watershed;
 
 pub use cells::Cells;
 pub use greit::{GreitFigures, GreitTarget, greit_figures};
 pub use similarity::{structural_similarity, structural_similarity_map};
 pub use touches::{Blob, TouchErrors, TouchSettings, blobs, touch_position_errors_m};
 pub use track::{artefact_energy, rms_second_difference_m};
+pub(crate) use watershed::{NONE, Watershed};
 
 use crate::InverseError;
-use crate::data::check_length;
-use crate::prior::distance_m;
+use crate::check::check_length;
+use crate::geometry::distance_m;
 use eit_mesh::Surface;
 
 /// Relative error of an image, both `[element]` (or pixel), 0 for the truth and 1 for an empty

@@ -15,7 +15,6 @@ pub use noser::Noser;
 pub use tikhonov::Tikhonov;
 
 use crate::InverseError;
-use eit_mesh::Surface;
 use ndarray::{Array2, ArrayView2};
 
 /// A Gaussian prior on the conductivity change of each element.
@@ -33,15 +32,4 @@ pub trait Prior {
         &self,
         weighted_jacobian: ArrayView2<'_, f64>,
     ) -> Result<Array2<f64>, InverseError>;
-}
-
-/// Extent of the skin, metres: the longest side of its bounding box.
-pub(crate) fn extent_m(surface: &Surface) -> f64 {
-    let [low, high] = surface.bounds_m();
-    (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max)
-}
-
-/// Straight distance of two points, metres.
-pub(crate) fn distance_m(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
 }

@@ -2,29 +2,33 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `batch` | [`StTv`]: set-up, whole sequences |
+//! | `batch`, `solve` | [`StTv`]: set-up, whole sequences |
 //! | `stream`, `window` | [`StTvStream`]: a sliding window |
 //! | `weights`, `quiet` | weights from the noise, frames that hold nothing else |
-//! | `settings` | what a caller states |
-//! | `task`, `run` | one sequence in inner units; the two runs that find image and proof |
-//! | `engine`, `sweep`, `fit`, `step` | one iteration: its state; its passes; the exact data step; step sizes |
+//! | `settings`, `gradient` | what a caller states |
+//! | `task`, `problem`, `run` | one sequence in inner units; what of it is solved; the two runs that find image and proof |
+//! | `state`, `engine`, `sweep`, `fit`, `step` | the iterate; one iteration; its passes; the exact data step; step sizes |
 //! | `certificate`, `passes` | primal value and lower bound of any iterate |
 //! | `data`, `operators`, `laplacian` | what is computed once: compressed data, packed operators, a sparse factor |
-//! | `kernel`, `scalar` | inner loops along the frames, in `f32` or `f64` |
+//! | `kernel`, `float` | inner loops along the frames, in `f32` or `f64` |
 
 mod batch;
 mod certificate;
 mod data;
 mod engine;
 mod fit;
+mod float;
+mod gradient;
 mod kernel;
 mod laplacian;
 mod operators;
 mod passes;
+mod problem;
 mod quiet;
 mod run;
-mod scalar;
 mod settings;
+mod solve;
+mod state;
 mod step;
 mod stream;
 mod sweep;
@@ -33,7 +37,7 @@ mod weights;
 mod window;
 
 pub use batch::StTv;
-pub use quiet::noise_std_of_quiet_frames;
+pub use gradient::Gradient;
 pub use settings::{Fidelity, StTvSettings, Stop, StreamSettings};
 pub use stream::{StTvStream, StreamStep};
 pub use weights::{ChosenWeights, WeightPoint, WeightStatus};

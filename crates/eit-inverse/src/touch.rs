@@ -7,11 +7,12 @@
 //!
 //! | file | holds |
 //! |---|---|
+//! | `reference.rs` | [`AdaptiveReference`]: a reference frame that follows drift, not contact |
 //! | `contact.rs` | [`Touch`]: what is reported |
 //! | `noise.rs`, `normal.rs` | [`NoiseFloor`]: threshold at a stated rate of false touches |
-//! | `watershed.rs`, `segment.rs` | blobs of an image and where they are |
+//! | `segment.rs` | blobs of an image and where they are |
 //! | `assign.rs`, `filter.rs`, `track.rs` | optimal assignment, Kalman filter, names |
-//! | `stream.rs` | [`TouchStream`]: image in, touches out |
+//! | `stream.rs`, `settings.rs` | [`TouchStream`]: image in, touches out |
 //! | `skin.rs`, `bell.rs`, `fit.rs` | [`TouchFit`]: bells fitted to a frame, their number chosen |
 //! | `bound.rs` | [`cramer_rao`]: what no unbiased method can beat |
 //!
@@ -26,16 +27,18 @@ mod filter;
 mod fit;
 mod noise;
 mod normal;
+mod reference;
 mod segment;
+mod settings;
 mod skin;
 mod stream;
 mod track;
-mod watershed;
 
 pub use bell::Bell;
 pub use bound::{BellBound, Nuisance, cramer_rao};
 pub use contact::{Touch, TouchState};
 pub use fit::{FitResult, FitSettings, FitStatus, FittedTouch, TouchFit};
 pub use noise::{FalseAlarms, NoiseFloor};
-pub use stream::{TouchStream, TouchStreamSettings};
-pub(crate) use watershed::Watershed;
+pub use reference::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};
+pub use settings::TouchStreamSettings;
+pub use stream::TouchStream;

@@ -103,6 +103,16 @@ fn a_frame_without_bad_values_is_as_if_they_were_never_measured() {
             // singular values of the kept rows: the root of that loss (measured: 1e-12)
             let error = relative_difference(&other, &expected);
             assert!(error < 4e-12, "{case}, restricted: {error:e}");
+            // difference data made elsewhere has the same image, to the bit
+            let map = full.reconstructor();
+            let mut difference = map.difference(&frame, &reference_frame).unwrap().to_vec();
+            let kept = (0..40).filter(|&i| i != UNUSED);
+            let values = difference.iter_mut().zip(kept).filter(|(_, i)| bad.contains(i));
+            values.for_each(|(value, _)| *value = f64::NAN);
+            let (mut workspace, mut again) = (map.workspace(), vec![f64::NAN; map.image_len()]);
+            map.reconstruct_difference_without_into(&difference, &bad, &mut workspace, &mut again)
+                .unwrap();
+            assert_eq!(again, image, "{case}");
             let pixels = image_without(&on_raster, &frame, &reference_frame, &bad).unwrap();
             let mut shown = vec![0.0; pixels.len()];
             raster.pixel_from_element().apply(&image, &mut shown).unwrap();

@@ -12,7 +12,7 @@ use clarabel::solver::{
     SupportedConeT, ZeroConeT,
 };
 use common::{Random, grid};
-use eit_inverse::{Fidelity, Gradient, Movie, MovieStatus, StTvSettings, Stop};
+use eit_inverse::{Fidelity, Gradient, ImageSequence, SequenceStatus, StTvSettings, Stop};
 use fixtures::st_tv::StTvProblem;
 use ndarray::{Array2, Axis};
 use problem::Problem;
@@ -299,8 +299,8 @@ impl Recipe {
 }
 
 /// The interior-point optimum lies between the bounds of a result.
-fn holds_the_optimum(movie: &Movie, optimum: f64) -> Result<(), String> {
-    let certificate = movie.report.certificate.ok_or("no certificate")?;
+fn holds_the_optimum(sequence: &ImageSequence, optimum: f64) -> Result<(), String> {
+    let certificate = sequence.report.certificate.ok_or("no certificate")?;
     // an optimum of 0 is found to the interior-point solver's absolute accuracy
     let slack = INTERIOR_POINT * optimum.abs() + 1e-8;
     if certificate.lower_bound > optimum + slack {
@@ -328,11 +328,11 @@ proptest! {
             Stop { target_gap: gap, max_iterations: 4000, ..Default::default() },
             Stop { target_gap: 1e-12, max_iterations: cap, ..Default::default() },
         ] {
-            let movie = problem.solve(&stop);
-            let checked = problem.check(&movie, &stop);
-            prop_assert!(checked.is_ok(), "{}; {:?}", checked.unwrap_err(), movie.report);
-            let held = holds_the_optimum(&movie, optimum);
-            prop_assert!(held.is_ok(), "{}; {:?}", held.unwrap_err(), movie.report);
+            let sequence = problem.solve(&stop);
+            let checked = problem.check(&sequence, &stop);
+            prop_assert!(checked.is_ok(), "{}; {:?}", checked.unwrap_err(), sequence.report);
+            let held = holds_the_optimum(&sequence, optimum);
+            prop_assert!(held.is_ok(), "{}; {:?}", held.unwrap_err(), sequence.report);
         }
     }
 
@@ -358,14 +358,14 @@ proptest! {
             return Err(TestCaseError::reject("no reference"));
         };
         let stop = Stop { target_gap: gap, ..Default::default() };
-        let movie = problem.solve(&stop);
-        let held = holds_the_optimum(&movie, optimum);
-        prop_assert!(held.is_ok(), "{}; {:?}", held.unwrap_err(), movie.report);
+        let sequence = problem.solve(&stop);
+        let held = holds_the_optimum(&sequence, optimum);
+        prop_assert!(held.is_ok(), "{}; {:?}", held.unwrap_err(), sequence.report);
         // an optimum of zero has no relative gap
-        let certificate = movie.report.certificate.unwrap();
+        let certificate = sequence.report.certificate.unwrap();
         let nothing = optimum < 1e-8 && certificate.primal < 1e-5 * problem.size().max(1.0);
-        let converged = movie.report.status == MovieStatus::Converged;
-        prop_assert!(converged || nothing, "optimum {:e}; {:?}", optimum, movie.report);
+        let converged = sequence.report.status == SequenceStatus::Converged;
+        prop_assert!(converged || nothing, "optimum {:e}; {:?}", optimum, sequence.report);
     }
 }
 
@@ -378,15 +378,20 @@ fn reference(pixels: usize) -> Option<(StTvProblem, Problem)> {
 }
 
 /// The result's bounds hold the interval in which the optimum is known to lie.
-fn holds_the_reference(reference: &StTvProblem, problem: &Problem, movie: &Movie, stop: &Stop) {
-    problem.check(movie, stop).unwrap();
-    let certificate = movie.report.certificate.unwrap();
+fn holds_the_reference(
+    reference: &StTvProblem,
+    problem: &Problem,
+    sequence: &ImageSequence,
+    stop: &Stop,
+) {
+    problem.check(sequence, stop).unwrap();
+    let certificate = sequence.report.certificate.unwrap();
     assert!(certificate.lower_bound <= reference.objective, "{certificate:?}");
     assert!(certificate.primal >= reference.lower_bound, "{certificate:?}");
 }
 
 #[test]
-fn the_reference_movie_has_its_objective() {
+fn the_reference_sequence_has_its_objective() {
     for pixels in [32, 64] {
         let Some((reference, problem)) = reference(pixels) else { return };
         let found = problem.objective(&reference.images);
@@ -404,11 +409,11 @@ fn the_small_reference_is_solved_to_any_gap() {
     assert_eq!(solver.rank(), 104);
     for target_gap in [1e-1, 1e-2, 1e-3, 1e-4] {
         let stop = Stop { target_gap, ..Default::default() };
-        let movie = solver.solve(&problem.differences(), &stop).unwrap();
-        holds_the_reference(&reference, &problem, &movie, &stop);
-        assert_eq!(movie.report.status, MovieStatus::Converged);
+        let sequence = solver.solve(&problem.differences(), &stop).unwrap();
+        holds_the_reference(&reference, &problem, &sequence, &stop);
+        assert_eq!(sequence.report.status, SequenceStatus::Converged);
         // the objective of the reference is known to 1.1e-6
-        let excess = movie.report.certificate.unwrap().primal / reference.objective - 1.0;
+        let excess = sequence.report.certificate.unwrap().primal / reference.objective - 1.0;
         assert!(excess <= target_gap + 1.2e-6, "{excess:e}");
     }
 }
@@ -417,9 +422,9 @@ fn the_small_reference_is_solved_to_any_gap() {
 fn the_large_reference_is_solved() {
     let Some((reference, problem)) = reference(64) else { return };
     let stop = Stop { target_gap: 1e-2, ..Default::default() };
-    let movie = problem.solve(&stop);
-    holds_the_reference(&reference, &problem, &movie, &stop);
-    assert_eq!(movie.report.status, MovieStatus::Converged);
+    let sequence = problem.solve(&stop);
+    holds_the_reference(&reference, &problem, &sequence, &stop);
+    assert_eq!(sequence.report.status, SequenceStatus::Converged);
 }
 
 #[test]
@@ -429,10 +434,10 @@ fn a_cap_is_kept_and_its_result_certified() {
     let mut last = f64::INFINITY;
     for max_iterations in [0, 1, 2, 3, 5, 8, 13, 50, 100, 200] {
         let stop = Stop { target_gap: 1e-9, max_iterations, deadline: None };
-        let movie = solver.solve(&problem.differences(), &stop).unwrap();
-        holds_the_reference(&reference, &problem, &movie, &stop);
-        let report = &movie.report;
-        assert_eq!(report.status, MovieStatus::IterationCap);
+        let sequence = solver.solve(&problem.differences(), &stop).unwrap();
+        holds_the_reference(&reference, &problem, &sequence, &stop);
+        let report = &sequence.report;
+        assert_eq!(report.status, SequenceStatus::IterationCap);
         // limits are looked at every 4 iterations, then one each for the image and its proof
         assert!(report.iterations <= max_iterations.max(6), "{}", report.iterations);
         let primal = report.certificate.unwrap().primal;
@@ -451,15 +456,15 @@ fn a_deadline_returns_the_best_so_far_with_its_certificate() {
         let deadline = Some(Duration::from_millis(milliseconds));
         // 1e-9 takes minutes
         let stop = Stop { target_gap: 1e-9, max_iterations: usize::MAX, deadline };
-        let movie = solver.solve(&problem.differences(), &stop).unwrap();
-        holds_the_reference(&reference, &problem, &movie, &stop);
-        assert_eq!(movie.report.status, MovieStatus::Deadline);
-        assert!(movie.report.seconds >= 1e-3 * milliseconds as f64);
+        let sequence = solver.solve(&problem.differences(), &stop).unwrap();
+        holds_the_reference(&reference, &problem, &sequence, &stop);
+        assert_eq!(sequence.report.status, SequenceStatus::Deadline);
+        assert!(sequence.report.seconds >= 1e-3 * milliseconds as f64);
     }
     // a deadline that is far away changes nothing
     let stop = Stop { deadline: Some(Duration::from_secs(36_000)), ..Default::default() };
-    let movie = solver.solve(&problem.differences(), &stop).unwrap();
-    assert_eq!(movie.report.status, MovieStatus::Converged);
+    let sequence = solver.solve(&problem.differences(), &stop).unwrap();
+    assert_eq!(sequence.report.status, SequenceStatus::Converged);
 }
 
 #[test]
@@ -469,12 +474,12 @@ fn the_same_input_gives_the_same_bytes() {
     for target_gap in [1e-3, 1e-6] {
         let stop = Stop { target_gap, max_iterations: 300, ..Default::default() };
         let bytes = || {
-            let movie = problem.solve(&stop);
-            let certificate = movie.report.certificate.unwrap();
-            let values = movie.images.iter().chain(&movie.report.residual);
+            let sequence = problem.solve(&stop);
+            let certificate = sequence.report.certificate.unwrap();
+            let values = sequence.images.iter().chain(&sequence.report.residual);
             let values = values.chain([&certificate.primal, &certificate.lower_bound]);
             let bits: Vec<u64> = values.map(|v| v.to_bits()).collect();
-            (bits, movie.report.iterations)
+            (bits, sequence.report.iterations)
         };
         // set-up included
         assert_eq!(bytes(), bytes());
@@ -496,10 +501,10 @@ fn one_constrained_frame_of_the_reference_agrees_with_an_interior_point_solver()
         let optimum = optimum(&problem).unwrap();
         for target_gap in [1e-2, 1e-3] {
             let stop = Stop { target_gap, ..Default::default() };
-            let movie = problem.solve(&stop);
-            holds_the_optimum(&movie, optimum).unwrap();
-            problem.check(&movie, &stop).unwrap();
-            assert_eq!(movie.report.status, MovieStatus::Converged);
+            let sequence = problem.solve(&stop);
+            holds_the_optimum(&sequence, optimum).unwrap();
+            problem.check(&sequence, &stop).unwrap();
+            assert_eq!(sequence.report.status, SequenceStatus::Converged);
         }
     }
 }

@@ -8,7 +8,8 @@ mod problem;
 
 use common::Random;
 use eit_inverse::{
-    Differences, Fidelity, Gradient, InverseError, Movie, MovieStatus, StTv, StTvSettings, Stop,
+    Differences, Fidelity, Gradient, ImageSequence, InverseError, SequenceStatus, StTv,
+    StTvSettings, Stop,
 };
 use ndarray::{Array2, Axis, array, concatenate};
 use problem::Problem;
@@ -22,20 +23,20 @@ fn square(rows: usize, columns: usize) -> Gradient {
     Gradient::pixels(&Array2::from_elem((rows, columns), true), 1.0).unwrap()
 }
 
-fn bounds_of(movie: &Movie) -> [f64; 2] {
-    let certificate = movie.report.certificate.unwrap();
+fn bounds_of(sequence: &ImageSequence) -> [f64; 2] {
+    let certificate = sequence.report.certificate.unwrap();
     [certificate.lower_bound, certificate.primal]
 }
 
-fn converged(problem: &Problem, stop: &Stop) -> Movie {
-    let movie = problem.solve(stop);
-    problem.check(&movie, stop).unwrap();
-    assert_eq!(movie.report.status, MovieStatus::Converged, "{:?}", movie.report);
-    movie
+fn converged(problem: &Problem, stop: &Stop) -> ImageSequence {
+    let sequence = problem.solve(stop);
+    problem.check(&sequence, stop).unwrap();
+    assert_eq!(sequence.report.status, SequenceStatus::Converged, "{:?}", sequence.report);
+    sequence
 }
 
 /// A touch that grows and moves over 4 x 5 pixels, seen by a Jacobian that contains the identity:
-/// then `|J x|^2 >= |x|^2`, and two movies whose objectives are within `g` of the optimum differ by
+/// then `|J x|^2 >= |x|^2`, and two sequences whose objectives are within `g` of the optimum differ by
 /// no more than `2 sqrt(2 g)` (strong convexity).
 fn scene(frames: usize) -> Problem {
     let mut random = Random(11);
@@ -52,7 +53,7 @@ fn scene(frames: usize) -> Problem {
     Problem::new(jacobian, square(rows, columns), values).with_weights(0.2, 0.1)
 }
 
-/// Largest distance of two movies of [`scene`] that are within a relative gap of their optimum.
+/// Largest distance of two sequences of [`scene`] that are within a relative gap of their optimum.
 fn strong_convexity(primal: f64, relative_gap: f64) -> f64 {
     2.0 * (2.0 * relative_gap * primal).sqrt()
 }
@@ -158,9 +159,9 @@ fn unequal_duplicates_count_with_their_mean() {
     // two values 1 and 3 of one pixel: the image is 2 whatever lambda, the rest stays
     let problem =
         Problem::new(array![[1.0], [1.0]], square(1, 1), array![[1.0, 3.0]]).with_weights(5.0, 0.0);
-    let movie = converged(&problem, &gap(1e-9));
-    assert!((movie.images[(0, 0)] - 2.0).abs() < 1e-9, "{}", movie.images);
-    assert!((movie.report.residual[0] - SQRT_2).abs() < 1e-9);
+    let sequence = converged(&problem, &gap(1e-9));
+    assert!((sequence.images[(0, 0)] - 2.0).abs() < 1e-9, "{}", sequence.images);
+    assert!((sequence.report.residual[0] - SQRT_2).abs() < 1e-9);
 }
 
 #[test]
@@ -179,22 +180,22 @@ fn a_jacobian_of_rank_one() {
 fn one_pixel_is_a_line_in_time() {
     let one = || Problem::new(array![[2.0]], square(1, 1), array![[6.0], [6.2], [-4.0]]);
     // without links each frame fits its data exactly: an optimum of zero
-    let movie = one().with_weights(1.0, 0.0).solve(&gap(1e-6));
-    for (found, wanted) in movie.images.iter().zip([3.0, 3.1, -2.0]) {
-        assert!((found - wanted).abs() < 1e-5, "{}", movie.images);
+    let sequence = one().with_weights(1.0, 0.0).solve(&gap(1e-6));
+    for (found, wanted) in sequence.images.iter().zip([3.0, 3.1, -2.0]) {
+        assert!((found - wanted).abs() < 1e-5, "{}", sequence.images);
     }
     // with them the last frame is drawn up by lambda / J^2 and the first two down together by half
     // of it: mean 3.05 - 0.5 lambda / 4
-    let movie = converged(&one().with_weights(1.0, 1.0), &gap(1e-8));
-    for (found, wanted) in movie.images.iter().zip([2.925, 2.925, -1.75]) {
+    let sequence = converged(&one().with_weights(1.0, 1.0), &gap(1e-8));
+    for (found, wanted) in sequence.images.iter().zip([2.925, 2.925, -1.75]) {
         // 2 sqrt(2 g) / J with an objective of order 10
-        assert!((found - wanted).abs() < 5e-4, "{}", movie.images);
+        assert!((found - wanted).abs() < 5e-4, "{}", sequence.images);
     }
     // and one frame of one pixel
     let mut single = one();
     single.values = array![[6.0]];
-    let movie = single.solve(&gap(1e-6));
-    assert!((movie.images[(0, 0)] - 3.0).abs() < 1e-5);
+    let sequence = single.solve(&gap(1e-6));
+    assert!((sequence.images[(0, 0)] - 3.0).abs() < 1e-5);
 }
 
 #[test]
@@ -208,11 +209,11 @@ fn bounds_that_leave_zero_out_have_their_optimum() {
             let mut problem = Problem::new(array![[1.0]], square(1, 1), values);
             (problem.settings.lower_s, problem.settings.upper_s) = (lower_s, upper_s);
             let stop = gap(1e-3);
-            let movie = problem.solve(&stop);
-            problem.check(&movie, &stop).unwrap();
-            assert_eq!(movie.report.status, MovieStatus::Converged);
+            let sequence = problem.solve(&stop);
+            problem.check(&sequence, &stop).unwrap();
+            assert_eq!(sequence.report.status, SequenceStatus::Converged);
             let wanted = 0.5 * (nearest - 1.0_f64).powi(2) * frames as f64;
-            let [lower, upper] = bounds_of(&movie);
+            let [lower, upper] = bounds_of(&sequence);
             // rounding
             assert!(lower <= wanted * (1.0 + 1e-9), "{lower:e} above {wanted}");
             assert!(upper >= wanted * (1.0 - 1e-9), "{upper:e} below {wanted}");
@@ -250,8 +251,8 @@ fn parts_of_a_skin_that_share_their_data_are_certified() {
                 .with_weights(lambda_space, 0.0);
             [problem.settings.lower_s, problem.settings.upper_s] = bounds;
             for stop in [gap(1e-3), Stop { max_iterations: 0, ..gap(1e-3) }] {
-                let movie = problem.solve(&stop);
-                let [lower, upper] = bounds_of(&movie);
+                let sequence = problem.solve(&stop);
+                let [lower, upper] = bounds_of(&sequence);
                 // the documented rounding of the bound is 1e-13; a thousand times that
                 assert!(
                     lower <= optimum * (1.0 + 1e-10) && optimum * (1.0 - 1e-10) <= upper,
@@ -283,8 +284,8 @@ fn a_thousand_frames() {
     let problem = scene(1000);
     for (stop, constrained) in [(gap(1e-2), false), (gap(1e-3), false), (gap(1e-2), true)] {
         let problem = if constrained { problem.clone().constrained(0.8) } else { problem.clone() };
-        let movie = converged(&problem, &stop);
-        assert_eq!(movie.images.dim(), (1000, 20));
+        let sequence = converged(&problem, &stop);
+        assert_eq!(sequence.images.dim(), (1000, 20));
     }
 }
 
@@ -295,18 +296,18 @@ fn delta_zero_is_solved_where_the_data_is_consistent() {
     let truth = Array2::from_shape_fn((2, 20), |(t, p)| if p % 7 < 3 + t { 1.0 } else { -0.5 });
     problem.values = truth.dot(&problem.jacobian.t());
     let problem = problem.constrained(0.0);
-    let movie = problem.solve(&gap(1e-3));
+    let sequence = problem.solve(&gap(1e-3));
     // delta is met to rounding of the data
     let root = (2.0 * problem.size()).sqrt();
     assert!(
-        problem.residuals(&movie.images).iter().all(|r| *r <= 1e-6 * root),
+        problem.residuals(&sequence.images).iter().all(|r| *r <= 1e-6 * root),
         "{:?}",
-        movie.report
+        sequence.report
     );
-    assert!(distance(&movie.images, &truth) <= 1e-5 * root);
-    assert_eq!(movie.report.status, MovieStatus::Converged, "{:?}", movie.report);
+    assert!(distance(&sequence.images, &truth) <= 1e-5 * root);
+    assert_eq!(sequence.report.status, SequenceStatus::Converged, "{:?}", sequence.report);
     let wanted = problem.objective(&truth).variation;
-    let [lower, upper] = bounds_of(&movie);
+    let [lower, upper] = bounds_of(&sequence);
     // as above
     assert!(lower <= wanted * (1.0 + 1e-5) && upper >= wanted * (1.0 - 1e-5), "{lower} {upper}");
 }
@@ -336,21 +337,24 @@ fn a_delta_above_the_data_needs_no_iteration() {
     let problem = scene(3);
     let norms = (0..3).map(|t| problem.whitened(t).mapv(|v| v * v).sum().sqrt());
     let largest = norms.fold(0.0, f64::max);
-    let movie = problem.clone().constrained(largest * 1.000_001).solve(&gap(1e-3));
-    assert_eq!(movie.images, Array2::zeros((3, 20)));
-    assert_eq!((movie.report.iterations, movie.report.status), (0, MovieStatus::Converged));
-    assert_eq!(bounds_of(&movie), [0.0, 0.0]);
-    // just below it the zero movie is not feasible
-    let movie = problem.constrained(largest * 0.5).solve(&gap(1e-3));
-    assert!(movie.images.iter().any(|x| *x != 0.0));
+    let sequence = problem.clone().constrained(largest * 1.000_001).solve(&gap(1e-3));
+    assert_eq!(sequence.images, Array2::zeros((3, 20)));
+    assert_eq!(
+        (sequence.report.iterations, sequence.report.status),
+        (0, SequenceStatus::Converged)
+    );
+    assert_eq!(bounds_of(&sequence), [0.0, 0.0]);
+    // just below it the zero sequence is not feasible
+    let sequence = problem.constrained(largest * 0.5).solve(&gap(1e-3));
+    assert!(sequence.images.iter().any(|x| *x != 0.0));
 }
 
 #[test]
 fn without_links_every_frame_is_on_its_own() {
     let stop = gap(1e-6);
     let together = scene(4).with_weights(0.2, 0.0);
-    let movie = converged(&together, &stop);
-    let [lower, upper] = bounds_of(&movie);
+    let sequence = converged(&together, &stop);
+    let [lower, upper] = bounds_of(&sequence);
     let mut sums = [0.0, 0.0];
     for t in 0..4 {
         let mut alone = together.clone();
@@ -359,7 +363,7 @@ fn without_links_every_frame_is_on_its_own() {
         let alone = alone.with_weights(0.2, if t % 2 == 0 { 0.0 } else { 7.0 });
         let one = converged(&alone, &stop);
         sums.iter_mut().zip(bounds_of(&one)).for_each(|(sum, b)| *sum += b);
-        let error = distance(&one.images, &movie.images.select(Axis(0), &[t]));
+        let error = distance(&one.images, &sequence.images.select(Axis(0), &[t]));
         assert!(error <= strong_convexity(upper, 1e-6), "frame {t}: {error:e}");
     }
     assert!(lower <= sums[1] && sums[0] <= upper, "[{lower}, {upper}] {sums:?}");
@@ -375,15 +379,15 @@ fn huge_weights_leave_a_constant() {
         problem.values.rows().into_iter().map(|row| row.dot(&column) / power).collect();
     let mean = constants.iter().sum::<f64>() / 3.0;
     for lambda in [1e3, 1e8, 1e15, 1e30] {
-        let movie = converged(&problem.clone().with_weights(lambda, lambda), &gap(1e-6));
+        let sequence = converged(&problem.clone().with_weights(lambda, lambda), &gap(1e-6));
         // the constant itself has to a gap of 1e-6 a power of 1e2
         assert!(
-            movie.images.iter().all(|x| (x - mean).abs() < 2e-3),
+            sequence.images.iter().all(|x| (x - mean).abs() < 2e-3),
             "{lambda:e}: {}",
-            movie.images
+            sequence.images
         );
-        let movie = converged(&problem.clone().with_weights(lambda, 0.0), &gap(1e-6));
-        for (row, constant) in movie.images.rows().into_iter().zip(&constants) {
+        let sequence = converged(&problem.clone().with_weights(lambda, 0.0), &gap(1e-6));
+        for (row, constant) in sequence.images.rows().into_iter().zip(&constants) {
             assert!(row.iter().all(|x| (x - constant).abs() < 2e-3), "{lambda:e}: {row}");
         }
     }
@@ -397,9 +401,9 @@ fn tiny_weights_leave_least_squares() {
     let wanted = common::solve(normal, problem.jacobian.t().dot(&problem.values.t()));
     for lambda in [1e-6, 1e-12, 1e-30, f64::MIN_POSITIVE] {
         let stop = gap(1e-6);
-        let movie = converged(&problem.clone().with_weights(lambda, lambda), &stop);
-        let reach = strong_convexity(bounds_of(&movie)[1], 1e-6) + 100.0 * lambda;
-        let error = distance(&movie.images.t().to_owned(), &wanted);
+        let sequence = converged(&problem.clone().with_weights(lambda, lambda), &stop);
+        let reach = strong_convexity(bounds_of(&sequence)[1], 1e-6) + 100.0 * lambda;
+        let error = distance(&sequence.images.t().to_owned(), &wanted);
         assert!(error <= reach, "{lambda:e}: {error:e}");
     }
 }
@@ -468,27 +472,27 @@ fn a_frame_without_any_channel_follows_its_neighbours() {
     problem.values.row_mut(1).fill(f64::NAN);
     problem.good = Some(Array2::from_shape_fn((3, 26), |(t, _)| t != 1));
     for problem in [problem.clone(), problem.clone().constrained(0.8)] {
-        let movie = converged(&problem, &gap(1e-3));
-        assert_eq!(movie.report.residual[1], 0.0);
+        let sequence = converged(&problem, &gap(1e-3));
+        assert_eq!(sequence.report.residual[1], 0.0);
     }
     // without links nothing says anything: any constant is right
-    let movie = converged(&problem.clone().with_weights(0.2, 0.0), &gap(1e-3));
-    assert_eq!(movie.report.residual[1], 0.0);
-    // nor in a movie of such frames
+    let sequence = converged(&problem.clone().with_weights(0.2, 0.0), &gap(1e-3));
+    assert_eq!(sequence.report.residual[1], 0.0);
+    // nor in a sequence of such frames
     problem.good = Some(Array2::from_elem((3, 26), false));
-    let movie = converged(&problem, &gap(1e-3));
-    assert_eq!(bounds_of(&movie), [0.0, 0.0]);
+    let sequence = converged(&problem, &gap(1e-3));
+    assert_eq!(bounds_of(&sequence), [0.0, 0.0]);
 }
 
 #[test]
-fn no_change_is_the_zero_movie() {
+fn no_change_is_the_zero_sequence() {
     let mut problem = scene(3);
     problem.values.fill(0.0);
     for problem in [problem.clone(), problem.clone().constrained(0.0), problem.constrained(1.0)] {
-        let movie = converged(&problem, &gap(1e-3));
-        assert_eq!(movie.images, Array2::zeros((3, 20)));
-        assert_eq!(movie.report.iterations, 0);
-        assert_eq!(bounds_of(&movie), [0.0, 0.0]);
+        let sequence = converged(&problem, &gap(1e-3));
+        assert_eq!(sequence.images, Array2::zeros((3, 20)));
+        assert_eq!(sequence.report.iterations, 0);
+        assert_eq!(bounds_of(&sequence), [0.0, 0.0]);
     }
 }
 
@@ -496,9 +500,9 @@ fn no_change_is_the_zero_movie() {
 fn data_that_no_image_explains_is_all_residual() {
     // orthogonal to the Jacobian's columns
     let problem = Problem::new(array![[1.0], [1.0]], square(1, 1), array![[1.0, -1.0]]);
-    let movie = converged(&problem, &gap(1e-3));
-    assert!((bounds_of(&movie)[1] - 1.0).abs() < 1e-12);
-    assert!(movie.images[(0, 0)].abs() < 1e-12);
+    let sequence = converged(&problem, &gap(1e-3));
+    assert!((bounds_of(&sequence)[1] - 1.0).abs() < 1e-12);
+    assert!(sequence.images[(0, 0)].abs() < 1e-12);
 }
 
 #[test]
@@ -605,8 +609,8 @@ fn bounds_that_the_data_cannot_meet_are_not_called_solved() {
             .constrained(1.0);
     problem.settings.lower_s = 0.0;
     // an error would be as good
-    if let Ok(movie) = problem.try_solve(&gap(1e-3)) {
-        assert_ne!(movie.report.status, MovieStatus::Converged);
-        assert_eq!(bounds_of(&movie)[1], f64::INFINITY);
+    if let Ok(sequence) = problem.try_solve(&gap(1e-3)) {
+        assert_ne!(sequence.report.status, SequenceStatus::Converged);
+        assert_eq!(bounds_of(&sequence)[1], f64::INFINITY);
     }
 }

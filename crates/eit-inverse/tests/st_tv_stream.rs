@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
 
 use eit_inverse::{
-    Differences, Fidelity, Gradient, InverseError, MovieStatus, StTv, StTvSettings, StTvStream,
+    Differences, Fidelity, Gradient, InverseError, SequenceStatus, StTv, StTvSettings, StTvStream,
     Stop, StreamSettings,
 };
 use ndarray::{Array1, Array2};
@@ -92,7 +92,7 @@ fn equals_the_batch_solution_of_the_window_to_the_gap() {
         let mut stream = stream_of(&solver, window, lag);
         for (f, dv) in scene.frames.iter().enumerate() {
             let step = stream.push(dv, None).unwrap();
-            assert_eq!(step.status, MovieStatus::Converged, "frame {f}: {:?}", step.certificate);
+            assert_eq!(step.status, SequenceStatus::Converged, "frame {f}: {:?}", step.certificate);
             assert!(step.certificate.relative_gap() <= GAP, "frame {f}");
             assert_eq!(step.image.is_some(), f >= lag, "frame {f}");
             let own = step.certificate;
@@ -150,11 +150,18 @@ fn allocates_nothing_after_set_up() {
     assert!(allocation_counter::measure(|| drop(black_box(vec![0_u8; 100]))).count_total > 0);
 }
 
-/// Images of every lagged frame of a sequence with masks.
-fn images(solver: &StTv, frames: &[(Vec<f64>, Option<Vec<bool>>)]) -> Vec<Vec<f64>> {
+/// Difference data with its good channels; `None`: all.
+#[derive(Clone)]
+struct MaskedFrame {
+    dv: Vec<f64>,
+    good: Option<Vec<bool>>,
+}
+
+/// Images of every lagged frame of a sequence.
+fn images(solver: &StTv, frames: &[MaskedFrame]) -> Vec<Vec<f64>> {
     let mut stream = stream_of(solver, 6, 2);
     let mut out = Vec::new();
-    for (dv, good) in frames {
+    for MaskedFrame { dv, good } in frames {
         let step = stream.push(dv, good.as_deref()).unwrap();
         out.extend(step.image.map(<[f64]>::to_vec));
     }
@@ -171,17 +178,18 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 fn a_lost_electrode_changes_the_data_not_the_sanity_of_the_image() {
     let scene = scene(30, NOISE);
     let solver = StTv::new(&scene.jacobian, &scene.gradient, settings(NOISE)).unwrap();
-    let clean: Vec<_> = scene.frames.iter().map(|dv| (dv.clone(), None)).collect();
+    let whole_frame = |dv: &Vec<f64>| MaskedFrame { dv: dv.clone(), good: None };
+    let clean: Vec<MaskedFrame> = scene.frames.iter().map(whole_frame).collect();
     // a sixth of the channels is gone from frame 12 on, and reads rubbish
     let mut damaged = clean.clone();
     let good: Vec<bool> = (0..MEASUREMENTS).map(|i| i % 6 != 0).collect();
-    for (dv, mask) in damaged.iter_mut().skip(12) {
-        for (value, good) in dv.iter_mut().zip(&good) {
+    for frame in damaged.iter_mut().skip(12) {
+        for (value, good) in frame.dv.iter_mut().zip(&good) {
             if !good {
                 *value = f64::NAN;
             }
         }
-        *mask = Some(good.clone());
+        frame.good = Some(good.clone());
     }
     let (whole, part) = (images(&solver, &clean), images(&solver, &damaged));
     for (f, (a, b)) in part.iter().zip(&whole).enumerate() {
@@ -203,7 +211,7 @@ fn a_dropped_frame_is_interpolated() {
             10 => stream.push_dropped(),
             _ => stream.push(dv, None).unwrap(),
         };
-        assert_eq!(step.status, MovieStatus::Converged, "frame {f}: {:?}", step.certificate);
+        assert_eq!(step.status, SequenceStatus::Converged, "frame {f}: {:?}", step.certificate);
         if f == 12 {
             assert_eq!(step.residual, 0.0, "a frame without data has no residual");
             let image = step.image.unwrap();
@@ -337,7 +345,7 @@ fn a_first_frame_next_to_nothing_does_not_spoil_the_rest() {
         let _ = stream.push(&rounding, None).unwrap();
         for (f, dv) in scene.frames.iter().enumerate() {
             let step = stream.push(dv, None).unwrap();
-            assert_eq!(step.status, MovieStatus::Converged, "frame {f}: {:?}", step.certificate);
+            assert_eq!(step.status, SequenceStatus::Converged, "frame {f}: {:?}", step.certificate);
         }
     }
 }
@@ -376,7 +384,7 @@ fn frames_that_equal_the_reference_cost_nothing_once_the_window_holds_no_other()
         for dv in &scene.frames[3..] {
             let [rested, new] = [&mut stream, &mut fresh].map(|stream| {
                 let step = stream.push(dv, None).unwrap();
-                assert_eq!(step.status, MovieStatus::Converged);
+                assert_eq!(step.status, SequenceStatus::Converged);
                 step.certificate
             });
             // both certified: the intervals of the window's optimum overlap

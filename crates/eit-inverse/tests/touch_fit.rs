@@ -128,8 +128,7 @@ fn bound_of_the_paper_disc() {
         let position_m = [radius_m * cos, radius_m * sin, 0.0];
         let touch = [Bell { position_m, amplitude: 0.3, radius_m: 0.01 }];
         let settings = settings(&reference, decibel);
-        let scene = (touch.as_slice(), nuisance);
-        cramer_rao(&model, mesh.surface(), &sheet, settings, scene).unwrap()[0]
+        cramer_rao(&model, mesh.surface(), &sheet, settings, &touch, nuisance).unwrap()[0]
     };
     let all = Nuisance::AmplitudeAndRadius;
     // a tenth: what the two calculations may differ by in mesh and noise. Near the rim is at 0.8 of

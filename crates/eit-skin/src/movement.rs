@@ -1,7 +1,7 @@
 //! Movement of electrodes, taken out of data and Jacobian before a method sees them.
 //!
 //! `reconstruction.electrode_movement_m` says how far electrodes go with the fabric. Displacements of
-//! each along the rim and outward are then unknowns beside the image ([`SideUnknowns`]); what is left
+//! each along the rim and outward are then unknowns beside the image ([`NuisanceParameters`]); what is left
 //! of data and Jacobian serves every linear method as it is.
 //!
 //! Where the prior is Gaussian, two things keep the balance between image and displacements. The
@@ -28,7 +28,7 @@ use crate::one_step::{ChosenBy, Imaging, choose};
 use crate::progress::Progress;
 use crate::scene::DifferenceKind;
 use crate::synthetic_touch::{self, Places};
-use eit_inverse::{Difference, SideUnknowns};
+use eit_inverse::{Difference, NuisanceParameters};
 use ndarray::{Array2, ArrayView1};
 use std::sync::Arc;
 
@@ -37,7 +37,7 @@ pub(crate) struct TakenOut {
     /// What displacements are weighed against, in units of the noise.
     pub error: f64,
     /// Differences to white noise of standard deviation 1.
-    pub side: SideUnknowns,
+    pub side: NuisanceParameters,
     /// The Jacobian of those; voltages as they were.
     pub linearised: LinearisedSkin,
 }
@@ -49,7 +49,7 @@ pub struct WithoutMovement {
     /// White differences against a reference of zero, and their model.
     pub fitted: FittedFrames,
     /// Takes movement out of further differences.
-    pub side: SideUnknowns,
+    pub side: NuisanceParameters,
     /// For the report.
     pub line: String,
     /// Frames that have no image.
@@ -90,7 +90,7 @@ pub(crate) fn take_out(
     // weights are those of the noise, so that deviations count in its units
     let std = vec![movement_m / error; movement.ncols()];
     let movement = linearised.rows_of_differences(movement.clone(), used);
-    let side = SideUnknowns::new(&movement, &std, &noise.std, Some(used))?;
+    let side = NuisanceParameters::new(&movement, &std, &noise.std, Some(used))?;
     let linearised = linearised.whitened(side.whiten_jacobian(&jacobian)?);
     Ok(Some(TakenOut { error, side, linearised }))
 }
@@ -218,7 +218,7 @@ struct White {
 fn whitened(
     frames: &Frames,
     kind: DifferenceKind,
-    side: &SideUnknowns,
+    side: &NuisanceParameters,
 ) -> Result<White, SkinError> {
     let (clean, count) = (frames.clean(), frames.values.nrows());
     if clean.is_empty() {

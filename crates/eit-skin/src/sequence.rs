@@ -4,11 +4,11 @@ use crate::error::SkinError;
 use crate::linearised::LinearisedSkin;
 use crate::method::Method;
 use crate::skin::Skin;
-use eit_inverse::baseline::{
-    AbsoluteGaussNewton, AbsoluteSettings, KalmanSettings, KalmanSmoother, OneStep, TimePrior,
+use eit_inverse::sequence::{
+    AbsoluteGaussNewton, AbsoluteSettings, KalmanSettings, KalmanSmoother, TimePrior,
     TimePriorSettings,
 };
-use eit_inverse::{DifferenceSettings, MovieMethod, Prior};
+use eit_inverse::{Difference, DifferenceSettings, Prior, SequenceSolver};
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView2};
 
@@ -23,12 +23,12 @@ pub fn method<'a>(
     linearised: &'a LinearisedSkin,
     prior: &'a dyn Prior,
     settings: DifferenceSettings,
-) -> Result<Option<Box<dyn MovieMethod + 'a>>, SkinError> {
+) -> Result<Option<Box<dyn SequenceSolver + 'a>>, SkinError> {
     let jacobian = &linearised.jacobian;
     let difference = settings;
     Ok(Some(match method {
         Method::StTv | Method::Tv => return Ok(None),
-        Method::GaussNewton => Box::new(OneStep::new(jacobian, prior, &difference)?),
+        Method::GaussNewton => Box::new(Difference::new(jacobian, prior, difference)?),
         Method::TimePrior => {
             let settings = TimePriorSettings { difference, ..Default::default() };
             Box::new(TimePrior::new(jacobian, prior, &settings)?)

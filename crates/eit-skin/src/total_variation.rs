@@ -12,8 +12,8 @@ use crate::noise::DataNoise;
 use crate::progress::Progress;
 use crate::scene::{Delta, DeltaRule, ReconstructionSettings};
 use eit_inverse::{
-    ChosenWeights, Differences, Fidelity, Gradient, Movie, MovieReport, StTv, StTvSettings, Stop,
-    WeightStatus,
+    ChosenWeights, Differences, Fidelity, Gradient, ImageSequence, SequenceReport, StTv,
+    StTvSettings, Stop, WeightStatus,
 };
 use eit_mesh::Raster;
 use ndarray::Array2;
@@ -95,7 +95,7 @@ pub struct TvMovie {
     /// Siemens, [frame, masked pixel].
     pub pixels: Array2<f64>,
     /// The solve; `None` where every frame is quiet.
-    pub report: Option<MovieReport>,
+    pub report: Option<SequenceReport>,
     /// Residual of each frame, in units of the noise; `None` for a quiet one.
     pub residual: Vec<Option<f64>>,
     /// Weights; `None` where every frame is quiet.
@@ -290,7 +290,7 @@ impl TvMovie {
     }
 
     /// Puts the images of a solve in the places of its frames; one image may serve several.
-    fn take(&mut self, found: Movie, frames: &[usize]) {
+    fn take(&mut self, found: ImageSequence, frames: &[usize]) {
         let last = found.images.nrows().saturating_sub(1);
         for (k, &frame) in frames.iter().enumerate() {
             self.pixels.row_mut(frame).assign(&found.images.row(k.min(last)));

@@ -13,7 +13,7 @@ use eit_inverse::metrics::{Cells, ChangeSign};
 use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
     AdaptiveReference, Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget,
-    Reconstructor, ReferenceSettings, SideUnknowns, Workspace,
+    NuisanceParameters, Reconstructor, ReferenceSettings, Workspace,
 };
 use eit_mesh::Raster;
 use ndarray::{ArrayView3, Axis};
@@ -303,7 +303,7 @@ fn reference_settings(keys: &TouchSettings) -> Option<ReferenceSettings> {
 struct Detector {
     difference: Difference,
     /// Takes the movement of electrodes out of differences.
-    side: Option<SideUnknowns>,
+    side: Option<NuisanceParameters>,
 }
 
 impl Detector {

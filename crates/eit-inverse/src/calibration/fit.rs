@@ -1,8 +1,9 @@
 //! The minimisation of a calibration.
 
 use super::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
-use crate::data::{Channels, check_length};
-use crate::{DifferenceSettings, InverseError};
+use crate::check::check_length;
+use crate::data::Channels;
+use crate::{DifferenceData, InverseError};
 use eit_fem::{ForwardModel, Geometry, Workspace};
 use faer::prelude::Solve;
 use faer::{Mat, Side};
@@ -27,7 +28,23 @@ const MAX_REFUSALS: usize = 12;
 /// What stays unexplained counts as this part of the frame at least.
 const EXACT: f64 = ACCURACY;
 
-pub(super) struct Fit<'a> {
+impl Calibration {
+    /// Fits a frame, `[measurement]`, volts. The contact impedances of `model` are not used: those
+    /// of the settings are.
+    ///
+    /// # Errors
+    /// A frame or settings of the wrong length or range; values that are used and not finite;
+    /// [`InverseError::UnlikeModel`] for a frame of the opposite sign; [`InverseError::Forward`].
+    pub fn of_frame(
+        model: &ForwardModel,
+        frame_v: &[f64],
+        settings: &CalibrationSettings,
+    ) -> Result<Self, InverseError> {
+        Fit::new(model, frame_v, settings)?.run()
+    }
+}
+
+struct Fit<'a> {
     model: &'a ForwardModel,
     settings: &'a CalibrationSettings,
     channels: Channels,
@@ -54,7 +71,7 @@ struct Point {
 }
 
 impl<'a> Fit<'a> {
-    pub fn new(
+    fn new(
         model: &'a ForwardModel,
         frame_v: &'a [f64],
         settings: &'a CalibrationSettings,
@@ -62,12 +79,8 @@ impl<'a> Fit<'a> {
         settings.validate(model)?;
         let count = model.protocol().measurements();
         check_length("frame", frame_v.len(), count)?;
-        let difference = DifferenceSettings {
-            noise_std: settings.noise_std_v.clone(),
-            used: settings.used.clone(),
-            ..DifferenceSettings::default()
-        };
-        let channels = Channels::new(count, &difference)?;
+        let (noise_std, used) = (settings.noise_std_v.as_deref(), settings.used.as_deref());
+        let channels = Channels::new(count, &DifferenceData::Plain, noise_std, used)?;
         if let Some(&measurement) = channels.used.iter().find(|&&i| !frame_v[i].is_finite()) {
             let value = frame_v[measurement];
             return Err(InverseError::NonFiniteData { frame: 0, measurement, value });
@@ -78,7 +91,7 @@ impl<'a> Fit<'a> {
         Ok(Self { model, settings, channels, frame_v, known, workspace, geometry, forward_solves })
     }
 
-    pub fn run(mut self) -> Result<Calibration, InverseError> {
+    fn run(mut self) -> Result<Calibration, InverseError> {
         let start = vec![self.settings.conductivity_s.ln()];
         let contacts = match self.settings.contacts {
             Contacts::Each => self.settings.contact_impedance.len(),

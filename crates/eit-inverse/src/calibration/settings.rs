@@ -1,7 +1,7 @@
 //! Settings and status of a calibration.
 
 use crate::InverseError;
-use crate::data::{check_length, check_positive};
+use crate::check::{check_length, check_positive};
 use eit_fem::ForwardModel;
 
 /// Which contact impedances are fitted.

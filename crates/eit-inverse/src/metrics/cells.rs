@@ -1,7 +1,7 @@
 //! What figures of merit need of the grid below an image: areas, places, neighbours.
 
 use crate::InverseError;
-use crate::data::check_length;
+use crate::check::check_length;
 use eit_mesh::{Raster, Surface};
 use std::collections::HashMap;
 
@@ -134,11 +134,6 @@ impl<const D: usize> Cells<D> {
         }
         (moment.map(|m| m / total), total)
     }
-}
-
-/// Straight distance of two points, metres.
-pub(super) fn distance_m<const D: usize>(a: [f64; D], b: [f64; D]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
 /// Refuses places that are not finite.

@@ -1,8 +1,9 @@
 //! The five figures of merit of GREIT for an image of one target.
 
-use super::cells::{Cells, check_place, distance_m};
+use super::cells::{Cells, check_place};
 use super::{ChangeSign, sizes};
 use crate::InverseError;
+use crate::geometry::distance_m;
 use std::f64::consts::PI;
 
 /// The amplitude set begins at this part of the largest value (GREIT, section 2.3).

@@ -1,7 +1,7 @@
 //! Structural similarity of an image and the truth.
 
 use crate::InverseError;
-use crate::data::{check_length, check_positive};
+use crate::check::{check_length, check_positive};
 use ndarray::{Array2, ArrayView2};
 
 /// Pixels on each side of a window's centre: windows are 11 x 11.
@@ -46,7 +46,7 @@ pub fn structural_similarity(
 /// whole window lies in the mask, this is the published index.
 ///
 /// `data_range` is `L`, in the unit of the images; `None`: largest less smallest value of the
-/// truth in the mask. Give one for all frames of a movie, so that they are measured alike. The
+/// truth in the mask. Give one for all frames of a sequence, so that they are measured alike. The
 /// result is `None` where it is left out and the truth is constant, or where the mask is empty.
 ///
 /// Source: Wang, Bovik, Sheikh, Simoncelli, *IEEE Trans. Image Process.* 13 (2004), 600-612.
@@ -75,9 +75,9 @@ pub fn structural_similarity_map(
         return Ok(None);
     }
     let weights = std::array::from_fn(|k| (-0.5 * (k as f64 / SIGMA).powi(2)).exp());
-    Ok(Some(Array2::from_shape_fn(mask.raw_dim(), |place| {
-        if mask[place] {
-            let window = window(mask, place, &weights);
+    Ok(Some(Array2::from_shape_fn(mask.dim(), |(row, column)| {
+        if mask[(row, column)] {
+            let window = window(mask, row, column, &weights);
             let pairs = window.map(|(at, w)| (image[at] / range, truth[at] / range, w));
             index(pairs)
         } else {
@@ -97,7 +97,8 @@ fn range_in(truth: ArrayView2<'_, f64>, mask: ArrayView2<'_, bool>) -> Option<f6
 /// Pixels of the mask in the window around a pixel, with their weights (sum not one).
 fn window<'a>(
     mask: ArrayView2<'a, bool>,
-    (row, column): (usize, usize),
+    row: usize,
+    column: usize,
     weights: &'a [f64; REACH + 1],
 ) -> impl Iterator<Item = ((usize, usize), f64)> + Clone {
     let around = |k: usize, end: usize| k.saturating_sub(REACH)..(k + REACH + 1).min(end);

@@ -1,9 +1,10 @@
 //! Several touches in one image: blobs, and how far each true touch is from its blob.
 
-use super::cells::{Cells, check_place, distance_m};
+use super::cells::{Cells, check_place};
+use super::watershed::Watershed;
 use super::{ChangeSign, sizes};
 use crate::InverseError;
-use crate::touch::Watershed;
+use crate::geometry::distance_m;
 
 /// Most true touches of an image: the exact assignment keeps a table of `2^touches` entries for
 /// each blob (10 touches: 2 kB).

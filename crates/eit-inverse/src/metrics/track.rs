@@ -1,7 +1,8 @@
-//! Figures of merit of movies: how smoothly a track runs, how much of an image is no touch.
+//! Figures of merit of image sequences: how smoothly a track runs, how much of an image is no touch.
 
-use super::cells::{Cells, check_place, distance_m};
+use super::cells::{Cells, check_place};
 use crate::InverseError;
+use crate::geometry::distance_m;
 
 /// Root mean square second difference of a track, metres (per frame squared):
 ///

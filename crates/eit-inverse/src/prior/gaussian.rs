@@ -1,8 +1,9 @@
 //! Gaussian smoothness prior: covariance that falls with distance.
 
-use super::{Prior, distance_m, extent_m};
+use super::Prior;
 use crate::InverseError;
-use crate::data::{check_length, check_positive};
+use crate::check::{check_length, check_positive};
+use crate::geometry::{distance_m, extent_m};
 use eit_mesh::Surface;
 use ndarray::{Array2, ArrayView2};
 use std::collections::BTreeMap;
@@ -87,12 +88,9 @@ impl Gaussian {
             source: Vec::new(),
             kernel: Vec::new(),
         };
-        let mut near = Vec::new();
         for &centroid in &centroids {
-            near.clear();
-            cells.within(centroid, SUPPORT * width_m, &mut near);
             let from = prior.kernel.len();
-            for &(q, distance) in &near {
+            for (q, distance) in cells.within(centroid, SUPPORT * width_m) {
                 let (_, area) = cells.sources[q];
                 prior.source.push(q as u32);
                 prior.kernel.push(area.sqrt() * (-0.5 * (distance / width_m).powi(2)).exp());
@@ -198,18 +196,15 @@ impl Cells {
     }
 
     /// Sources within `radius_m` (at most one bucket) of a place, with their distance.
-    fn within(&self, place: [f64; 3], radius_m: f64, near: &mut Vec<(usize, f64)>) {
+    fn within(&self, place: [f64; 3], radius_m: f64) -> impl Iterator<Item = (usize, f64)> {
         let centre = cell(place, self.bucket_m);
-        for index in 0..27_i64 {
+        let bucket = move |index: i64| {
             let offset = [index % 3 - 1, index / 3 % 3 - 1, index / 9 - 1];
-            let bucket = std::array::from_fn(|k| centre[k] + offset[k]);
-            for &q in self.buckets.get(&bucket).into_iter().flatten() {
-                let distance = distance_m(place, self.sources[q].0);
-                if distance <= radius_m {
-                    near.push((q, distance));
-                }
-            }
-        }
+            self.buckets.get(&std::array::from_fn(|k| centre[k] + offset[k]))
+        };
+        let sources = (0..27).filter_map(bucket).flatten();
+        let with_distance = move |&q: &usize| (q, distance_m(place, self.sources[q].0));
+        sources.map(with_distance).filter(move |&(_, distance)| distance <= radius_m)
     }
 }
 

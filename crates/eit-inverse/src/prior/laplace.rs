@@ -1,8 +1,9 @@
 //! Laplace prior: neighbours alike.
 
-use super::{Prior, distance_m, extent_m};
+use super::Prior;
 use crate::InverseError;
-use crate::data::{check_length, check_positive};
+use crate::check::{check_length, check_positive};
+use crate::geometry::{distance_m, extent_m};
 use eit_mesh::Surface;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::cholesky::{

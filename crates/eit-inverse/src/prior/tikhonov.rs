@@ -2,7 +2,7 @@
 
 use super::Prior;
 use crate::InverseError;
-use crate::data::check_length;
+use crate::check::check_length;
 use eit_mesh::Surface;
 use ndarray::{Array1, Array2, ArrayView2};
 

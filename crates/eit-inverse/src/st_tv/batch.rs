@@ -1,20 +1,16 @@
-//! Whole sequences: set-up, and the two phases that lead to an image and to its certificate.
+//! The solver of one linearised skin: its set-up and settings.
 
-use super::certificate::Parts;
 use super::data::{Compression, Mode};
+use super::gradient::Gradient;
 use super::laplacian::Laplacian;
 use super::operators::Operators;
-use super::run::Run;
+use super::problem::Parts;
 use super::settings::{Fidelity, StTvSettings, Stop};
-use super::task::Task;
-use crate::data::{Channels, check_length, check_positive};
-use crate::{DifferenceSettings, Differences, Gradient, InverseError, Movie, MovieMethod};
+use crate::check::check_length;
+use crate::data::Channels;
+use crate::{DifferenceData, Differences, InverseError};
 use ndarray::ArrayRef2;
 use pulp::Arch;
-use std::time::Instant;
-
-/// Gap below which rounding of `f32` shows.
-const SINGLE_PRECISION_GAP: f64 = 1e-4;
 
 /// Spatio-temporal total variation of one linearised skin.
 ///
@@ -49,7 +45,7 @@ pub struct StTv {
     /// Largest singular value: the unit of the whitened Jacobian.
     pub(crate) unit: f64,
     pub(crate) arch: Arch,
-    stop: Stop,
+    pub(crate) stop: Stop,
 }
 
 impl StTv {
@@ -68,14 +64,8 @@ impl StTv {
         let (measurements, unknowns) = jacobian.dim();
         check_length("columns of the Jacobian", unknowns, gradient.unknowns())?;
         settings.check(measurements)?;
-        let channels = Channels::new(
-            measurements,
-            &DifferenceSettings {
-                noise_std: settings.noise_std.clone(),
-                used: settings.used.clone(),
-                ..Default::default()
-            },
-        )?;
+        let (noise_std, used) = (settings.noise_std.as_deref(), settings.used.as_deref());
+        let channels = Channels::new(measurements, &DifferenceData::Plain, noise_std, used)?;
         let noise = channels.noise_scale.unwrap_or(1.0);
         let mut weights = vec![0.0; measurements];
         for (&i, w) in channels.used.iter().zip(&channels.root_weights) {
@@ -137,57 +127,8 @@ impl StTv {
         Ok(())
     }
 
-    /// When [`MovieMethod::reconstruct`] stops.
+    /// When [`SequenceSolver::reconstruct_sequence`](crate::SequenceSolver::reconstruct_sequence) stops.
     pub fn set_stop(&mut self, stop: Stop) {
         self.stop = stop;
-    }
-
-    /// Solves for a whole sequence.
-    ///
-    /// Values are in the unit of the whitened problem: with `noise_std` the primal value counts
-    /// squared standard deviations, without it squares of `dv`.
-    ///
-    /// # Errors
-    /// Wrong shapes, no frame, a value of a good channel that is not finite, a `delta` that no
-    /// image can reach, a target gap that is not positive.
-    pub fn solve(&self, frames: &Differences<'_>, stop: &Stop) -> Result<Movie, InverseError> {
-        let settings = &self.settings;
-        let weights = (settings.lambda_space, settings.lambda_time, settings.fidelity);
-        self.solve_with(weights, frames, stop)
-    }
-
-    /// [`StTv::solve`] with other weights in space and time and another fidelity.
-    pub(crate) fn solve_with(
-        &self,
-        weights: (f64, f64, Fidelity),
-        frames: &Differences<'_>,
-        stop: &Stop,
-    ) -> Result<Movie, InverseError> {
-        let start = Instant::now();
-        frames.check(self.compression.measurements)?;
-        if frames.values.nrows() == 0 {
-            return Err(InverseError::WrongLength { what: "frames", found: 0, wanted: 1 });
-        }
-        check_positive("target_gap", stop.target_gap)?;
-        let task = Task::new(self, weights, frames)?;
-        if task.scale == 0.0 {
-            return Ok(task.nothing(start));
-        }
-        // a data constraint must hold, not nearly hold: rounding of f32 would cost objective
-        if stop.target_gap < SINGLE_PRECISION_GAP || !task.delta.is_empty() {
-            Ok(Run::new(&task, &self.double, start).finish(stop))
-        } else {
-            Ok(Run::new(&task, &self.single, start).finish(stop))
-        }
-    }
-}
-
-impl MovieMethod for StTv {
-    fn name(&self) -> &'static str {
-        if self.settings.lambda_time > 0.0 { "st-tv" } else { "tv" }
-    }
-
-    fn reconstruct(&mut self, frames: &Differences<'_>) -> Result<Movie, InverseError> {
-        self.solve(frames, &self.stop)
     }
 }

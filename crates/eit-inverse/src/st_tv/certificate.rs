@@ -20,52 +20,12 @@
 //! bound needs no property of the iteration, of its step sizes or of `f32`: it holds for whatever
 //! comes in, up to the rounding of this evaluation (about 1e-13 of the objective).
 
-use super::data::{Mode, Target};
-use super::engine::State;
-use super::laplacian::Laplacian;
+use super::float::Float;
 use super::operators::{BLOCK, Operators};
 use super::passes::{Analyse, Error, Excess, Subtract, Variation};
-use super::scalar::Scalar;
+use super::problem::{DataTerm, Parts, Problem};
+use super::state::State;
 use pulp::Arch;
-
-/// Whether the data is in the objective or in the constraints.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Fidelity<'a> {
-    /// `sum_t |A x_t - b_t|^2 / 2` in the objective.
-    Penalised,
-    /// `|A x_t - b_t| <= delta_t`, `[frame]`; `rest` counts.
-    Constrained(&'a [f64]),
-}
-
-/// The problem as the evaluation sees it, in the solver's own units.
-#[derive(Clone, Copy)]
-pub(crate) struct Problem<'a> {
-    pub(crate) ops: &'a Operators<f64>,
-    pub(crate) laplacian: &'a Laplacian,
-    pub(crate) parts: &'a Parts,
-    /// Those of the whole protocol, descending.
-    pub(crate) singular: &'a [f64],
-    pub(crate) modes: &'a [Mode],
-    /// `[frame]`.
-    pub(crate) mode_of: &'a [usize],
-    /// `[frame]`.
-    pub(crate) targets: &'a [Target],
-    pub(crate) fidelity: Fidelity<'a>,
-    pub(crate) lambda_space: f64,
-    pub(crate) lambda_time: f64,
-    pub(crate) bounds: Option<[f64; 2]>,
-}
-
-/// Connected parts of the skin.
-#[derive(Debug, Clone)]
-pub(crate) struct Parts {
-    /// `[unknown]`.
-    pub(crate) label: Vec<u32>,
-    /// Unknowns of each part.
-    pub(crate) sizes: Vec<f64>,
-    /// `V' 1` of each part, `[part][rank]`.
-    pub(crate) sensitivity: Vec<Vec<f64>>,
-}
 
 /// Memory of an evaluation.
 #[derive(Debug, Clone)]
@@ -93,7 +53,7 @@ pub(crate) struct Evaluation {
 }
 
 impl Evaluation {
-    pub(crate) fn new<T: Scalar>(ops: &Operators<f64>, state: &State<T>, parts: &Parts) -> Self {
+    pub(crate) fn new<T: Float>(ops: &Operators<f64>, state: &State<T>, parts: &Parts) -> Self {
         let (stride, frames) = (state.stride, state.frames);
         let values = ops.unknowns.next_multiple_of(BLOCK) * stride;
         Self {
@@ -117,7 +77,7 @@ impl Evaluation {
 
     /// Objective of the state's candidate within bounds; infinite where it violates the data
     /// constraint.
-    pub(crate) fn primal<T: Scalar>(
+    pub(crate) fn primal<T: Float>(
         &mut self,
         arch: Arch,
         problem: &Problem<'_>,
@@ -148,10 +108,10 @@ impl Evaluation {
                 .sum();
             let square = square + target.rest_squared;
             self.residual[frame] = square.sqrt();
-            match problem.fidelity {
-                Fidelity::Penalised => sum += 0.5 * square,
+            match problem.data_term {
+                DataTerm::Penalised => sum += 0.5 * square,
                 // rounding of this evaluation, where data is 1
-                Fidelity::Constrained(delta) => {
+                DataTerm::Constrained(delta) => {
                     if square.sqrt() > delta[frame] * (1.0 + 1e-9) + 1e-12 {
                         sum = f64::INFINITY;
                     }
@@ -169,14 +129,14 @@ impl Evaluation {
         sum + arch.dispatch(variation)
     }
 
-    fn take_links<T: Scalar>(&mut self, state: &State<T>) {
+    fn take_links<T: Float>(&mut self, state: &State<T>) {
         let linked = self.linked.iter_mut().enumerate();
         linked.for_each(|(frame, linked)| *linked = state.is_linked(frame));
     }
 
     /// A lower bound on the optimum from the state's duals; `data_dual` must hold those of the last
     /// iteration.
-    pub(crate) fn lower_bound<T: Scalar>(
+    pub(crate) fn lower_bound<T: Float>(
         &mut self,
         arch: Arch,
         problem: &Problem<'_>,
@@ -190,7 +150,7 @@ impl Evaluation {
     }
 
     /// Copies the duals, each moved into its ball.
-    fn take_duals<T: Scalar>(&mut self, problem: &Problem<'_>, state: &State<T>) {
+    fn take_duals<T: Float>(&mut self, problem: &Problem<'_>, state: &State<T>) {
         let (ops, stride) = (problem.ops, self.stride);
         self.dual.iter_mut().zip(&state.dual).for_each(|(d, s)| *d = s.to_f64());
         let components = ops.components;
@@ -404,9 +364,9 @@ impl Evaluation {
             let target = &problem.targets[frame];
             linear -= own.iter().zip(&target.values).map(|(y, b)| y * b).sum::<f64>();
             let norm: f64 = own.iter().map(|y| y * y).sum();
-            match problem.fidelity {
-                Fidelity::Penalised => square += norm,
-                Fidelity::Constrained(delta) => {
+            match problem.data_term {
+                DataTerm::Penalised => square += norm,
+                DataTerm::Constrained(delta) => {
                     let inside = (delta[frame].powi(2) - target.rest_squared).max(0.0).sqrt();
                     linear -= inside * norm.sqrt();
                 }
@@ -422,9 +382,9 @@ impl Evaluation {
 
     /// The part of the objective that no image can change.
     fn constant(&self, problem: &Problem<'_>) -> f64 {
-        match problem.fidelity {
-            Fidelity::Penalised => problem.targets.iter().map(|t| 0.5 * t.rest_squared).sum(),
-            Fidelity::Constrained(_) => 0.0,
+        match problem.data_term {
+            DataTerm::Penalised => problem.targets.iter().map(|t| 0.5 * t.rest_squared).sum(),
+            DataTerm::Constrained(_) => 0.0,
         }
     }
 
@@ -492,7 +452,7 @@ fn solve_semidefinite(rows: &mut [f64], n: usize) {
 }
 
 /// Column of frame `frame` of `[rank][stride]`.
-pub(crate) fn gather<T: Scalar>(values: &[T], stride: usize, frame: usize, column: &mut [f64]) {
+pub(crate) fn gather<T: Float>(values: &[T], stride: usize, frame: usize, column: &mut [f64]) {
     for (k, c) in column.iter_mut().enumerate() {
         *c = values[k * stride + frame].to_f64();
     }

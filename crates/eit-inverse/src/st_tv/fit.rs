@@ -1,10 +1,11 @@
 //! One iteration of a run, with its exact data step in the coordinates of each frame's mode.
 
-use super::certificate::{Fidelity, Problem, gather};
-use super::engine::{REFRESH, State, Steps};
+use super::certificate::gather;
+use super::float::Float;
 use super::kernel::RANKS;
 use super::operators::Operators;
-use super::scalar::Scalar;
+use super::problem::{DataTerm, Problem};
+use super::state::{REFRESH, State, Steps};
 use super::step;
 use pulp::Arch;
 
@@ -20,8 +21,9 @@ pub(crate) struct Memory<'a> {
 }
 
 /// One iteration with a primal step `tau`, before one with `next_tau`.
-pub(crate) fn iterate<T: Scalar>(
-    (arch, ops): (Arch, &Operators<T>),
+pub(crate) fn iterate<T: Float>(
+    arch: Arch,
+    ops: &Operators<T>,
     problem: &Problem<'_>,
     state: &mut State<T>,
     memory: Memory<'_>,
@@ -53,7 +55,7 @@ pub(crate) fn iterate<T: Scalar>(
 fn head(problem: &Problem<'_>, tau: f64) -> usize {
     let all = problem.singular.len();
     let separate = |&mode: &usize| problem.modes[mode].rotation.is_empty();
-    if problem.fidelity != Fidelity::Penalised || !problem.mode_of.iter().all(separate) {
+    if problem.data_term != DataTerm::Penalised || !problem.mode_of.iter().all(separate) {
         return all;
     }
     let least = 1.0 / (2.0 * REFRESH as f64 * tau);
@@ -61,7 +63,7 @@ fn head(problem: &Problem<'_>, tau: f64) -> usize {
 }
 
 /// Replaces the tail's coefficients `c` of the image by their force `s y`, `y = s c - b`.
-fn pull<T: Scalar>(
+fn pull<T: Float>(
     problem: &Problem<'_>,
     head: usize,
     coefficients: &mut [T],
@@ -107,7 +109,7 @@ impl Fit<'_> {
     /// constrained:  y = mu (s u - b) / (1 + mu tau s^2),   mu >= 0 with |s u' - b| = delta
     /// u' = u - tau s y
     /// ```
-    fn apply<T: Scalar>(
+    fn apply<T: Float>(
         &self,
         coefficients: &mut [T],
         stride: usize,
@@ -128,9 +130,9 @@ impl Fit<'_> {
                 *y = s * u - b;
             }
             let tau = self.tau;
-            let mu = match problem.fidelity {
-                Fidelity::Penalised => 1.0,
-                Fidelity::Constrained(delta) => {
+            let mu = match problem.data_term {
+                DataTerm::Penalised => 1.0,
+                DataTerm::Constrained(delta) => {
                     let inside = delta[frame].powi(2) - target.rest_squared;
                     let inside = inside.max(0.0) * (1.0 - self.margin).powi(2);
                     multiplier(dual, &mode.singular, tau, inside)

@@ -9,7 +9,7 @@
 //! it is stored, and comes from memory, once. Sums stay in registers: four rows of 16 lanes are 8
 //! of the 16 registers of 256 bits, enough to hide the latency of an addition (12 spill).
 
-use super::scalar::Scalar;
+use super::float::Float;
 use std::ops::Range;
 
 /// Frames that are handled together at least; rows are padded to a multiple of it.
@@ -46,7 +46,7 @@ macro_rules! for_widths {
 /// `out[p, :] += sum_k a[p][k] x[k, :]` over the ranks `k` of `range` for panels `a`
 /// `[panel][rank]` of unknowns `p`, `x` `[rank, stride]`, `out` `[panel * PANEL, stride]`.
 #[inline(always)]
-pub(crate) fn synthesise<T: Scalar>(
+pub(crate) fn synthesise<T: Float>(
     a: &[[T; PANEL]],
     rank: usize,
     range: Range<usize>,
@@ -79,7 +79,7 @@ pub(crate) fn synthesise<T: Scalar>(
 /// panels `a` `[panel][rank]` of unknowns `p`, `x` `[panel * PANEL, stride]`, `out`
 /// `[rank, stride]`.
 #[inline(always)]
-pub(crate) fn analyse<T: Scalar>(
+pub(crate) fn analyse<T: Float>(
     a: &[[T; PANEL]],
     rank: usize,
     range: Range<usize>,
@@ -106,7 +106,7 @@ pub(crate) fn analyse<T: Scalar>(
 
 /// Rows `k..k + R` of [`analyse`], `L` frames.
 #[inline(always)]
-fn gather_times<T: Scalar, const L: usize, const R: usize>(
+fn gather_times<T: Float, const L: usize, const R: usize>(
     a: &[[T; PANEL]],
     rank: usize,
     k: usize,
@@ -131,7 +131,7 @@ fn gather_times<T: Scalar, const L: usize, const R: usize>(
 
 /// One panel, `L` frames.
 #[inline(always)]
-fn panel_times<T: Scalar, const L: usize>(
+fn panel_times<T: Float, const L: usize>(
     a: &[[T; PANEL]],
     x: &[T],
     stride: usize,
@@ -151,7 +151,7 @@ fn panel_times<T: Scalar, const L: usize>(
 
 /// Two panels, `L` frames.
 #[inline(always)]
-fn pair_times<T: Scalar, const L: usize>(
+fn pair_times<T: Float, const L: usize>(
     first: &[[T; PANEL]],
     second: &[[T; PANEL]],
     x: &[T],
@@ -175,7 +175,7 @@ fn pair_times<T: Scalar, const L: usize>(
 }
 
 #[inline(always)]
-fn load<T: Scalar, const L: usize, const R: usize>(
+fn load<T: Float, const L: usize, const R: usize>(
     out: &[T],
     stride: usize,
     offset: usize,
@@ -187,7 +187,7 @@ fn load<T: Scalar, const L: usize, const R: usize>(
 }
 
 #[inline(always)]
-fn store<T: Scalar, const L: usize, const R: usize>(
+fn store<T: Float, const L: usize, const R: usize>(
     out: &mut [T],
     stride: usize,
     offset: usize,
@@ -200,7 +200,7 @@ fn store<T: Scalar, const L: usize, const R: usize>(
 
 /// `sum + factor * row`. By value, as [`lanes`].
 #[inline(always)]
-pub(crate) fn add_row<T: Scalar, const L: usize>(factor: T, row: &[T; L], sum: [T; L]) -> [T; L] {
+pub(crate) fn add_row<T: Float, const L: usize>(factor: T, row: &[T; L], sum: [T; L]) -> [T; L] {
     let mut out = [T::default(); L];
     for l in 0..L {
         out[l] = factor.mul_add(row[l], sum[l]);
@@ -211,7 +211,7 @@ pub(crate) fn add_row<T: Scalar, const L: usize>(factor: T, row: &[T; L], sum: [
 /// One value for each lane. Results are collected before any is stored, so that the compiler need
 /// not prove that slices do not overlap before it takes whole registers.
 #[inline(always)]
-pub(crate) fn lanes<T: Scalar>(mut value: impl FnMut(usize) -> T) -> [T; LANES] {
+pub(crate) fn lanes<T: Float>(mut value: impl FnMut(usize) -> T) -> [T; LANES] {
     let mut out = [T::default(); LANES];
     for (l, out) in out.iter_mut().enumerate() {
         *out = value(l);
@@ -233,7 +233,7 @@ pub(crate) fn row_mut<T>(values: &mut [T], at: usize, stride: usize) -> &mut [[T
 
 /// `out += factor * row`, both a multiple of [`LANES`] long.
 #[inline(always)]
-pub(crate) fn add_scaled<T: Scalar>(factor: T, row: &[T], out: &mut [T]) {
+pub(crate) fn add_scaled<T: Float>(factor: T, row: &[T], out: &mut [T]) {
     let (row, out) = (row.as_chunks::<LANES>().0, out.as_chunks_mut::<LANES>().0);
     for (out, row) in out.iter_mut().zip(row) {
         *out = lanes(|l| factor.mul_add(row[l], out[l]));

@@ -1,8 +1,8 @@
 //! What an iteration reads and never writes: the basis of the data space, packed for the inner
 //! loops, and the gradient by rows and by unknowns.
 
+use super::float::Float;
 use super::kernel::{PANEL, RANKS};
-use super::scalar::Scalar;
 use crate::Gradient;
 use faer::MatRef;
 
@@ -53,7 +53,7 @@ pub(crate) struct Group<T> {
     pub(crate) weights: [[T; 3]; 2],
 }
 
-impl<T: Scalar> Group<T> {
+impl<T: Float> Group<T> {
     fn new(rows: &[SparseRow]) -> Self {
         let first = rows.iter().flatten().next().map_or(0, |e| e.0);
         let mut this = Self { unknowns: [first; 3], weights: [[T::default(); 3]; 2] };
@@ -89,7 +89,7 @@ pub(crate) struct Rows<T> {
     pub(crate) values: Vec<T>,
 }
 
-impl<T: Scalar> Rows<T> {
+impl<T: Float> Rows<T> {
     #[inline(always)]
     pub(crate) fn row(&self, row: usize) -> impl Iterator<Item = (usize, T)> {
         let range = self.starts[row] as usize..self.starts[row + 1] as usize;
@@ -112,7 +112,7 @@ impl<T: Scalar> Rows<T> {
     }
 }
 
-impl<T: Scalar> Operators<T> {
+impl<T: Float> Operators<T> {
     /// Packs `basis` `[unknown, rank]`.
     pub(crate) fn new(basis: MatRef<'_, f64>, gradient: &Gradient) -> Self {
         let (unknowns, rank) = (basis.nrows(), basis.ncols());

@@ -3,14 +3,14 @@
 mod constant;
 
 use super::certificate::Evaluation;
-use super::engine::State;
 use super::fit::{self, Memory};
+use super::float::Float;
 use super::operators::Operators;
-use super::scalar::Scalar;
 use super::settings::Stop;
+use super::state::State;
 use super::step;
 use super::task::Task;
-use crate::{Movie, MovieStatus, TracePoint};
+use crate::{ImageSequence, SequenceStatus, TracePoint};
 use std::time::Instant;
 
 /// Step of the run that finds feasible dual variables, relative to that of the image. Between 30
@@ -87,7 +87,7 @@ struct Limits {
     seconds: f64,
 }
 
-impl<'a, T: Scalar> Run<'a, T> {
+impl<'a, T: Float> Run<'a, T> {
     pub(crate) fn new(task: &'a Task<'a>, ops: &'a Operators<T>, start: Instant) -> Self {
         let image = State::new(ops, task.frames, task.linked(), task.bounds.is_some());
         let evaluation = Evaluation::new(&task.solver.double, &image, &task.solver.parts);
@@ -121,7 +121,7 @@ impl<'a, T: Scalar> Run<'a, T> {
     }
 
     /// Runs to the target or a limit.
-    pub(crate) fn finish(mut self, stop: &Stop) -> Movie {
+    pub(crate) fn finish(mut self, stop: &Stop) -> ImageSequence {
         let deadline = stop.deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
         let limits = Limits { iterations: stop.max_iterations, seconds: deadline };
         self.try_constant();
@@ -132,11 +132,11 @@ impl<'a, T: Scalar> Run<'a, T> {
         let mut growth = GROWTH;
         let status = loop {
             if self.best.gap() <= stop.target_gap {
-                break MovieStatus::Converged;
+                break SequenceStatus::Converged;
             }
             // where the optimum is zero no relative gap can be reached
             if self.best.primal <= SMALLEST_PRIMAL {
-                break MovieStatus::Stalled;
+                break SequenceStatus::Stalled;
             }
             if let Some(status) = self.over(limits) {
                 break status;
@@ -168,8 +168,8 @@ impl<'a, T: Scalar> Run<'a, T> {
             }
         };
         let (images, residual) = (&self.best.images, &self.best.residual);
-        let end = (status, self.start);
-        self.task.movie(images, self.image.stride, residual, &self.trace, end)
+        let stride = self.image.stride;
+        self.task.sequence(images, stride, residual, &self.trace, status, self.start)
     }
 
     /// Notes what is known now.
@@ -182,11 +182,11 @@ impl<'a, T: Scalar> Run<'a, T> {
         });
     }
 
-    fn over(&self, limits: Limits) -> Option<MovieStatus> {
+    fn over(&self, limits: Limits) -> Option<SequenceStatus> {
         if self.start.elapsed().as_secs_f64() >= limits.seconds {
-            Some(MovieStatus::Deadline)
+            Some(SequenceStatus::Deadline)
         } else if self.total >= limits.iterations {
-            Some(MovieStatus::IterationCap)
+            Some(SequenceStatus::IterationCap)
         } else {
             None
         }
@@ -272,7 +272,7 @@ impl<'a, T: Scalar> Run<'a, T> {
         };
         let memory = Memory { columns, data_dual: &mut evaluation.data_dual };
         let problem = task.problem();
-        fit::iterate((task.solver.arch, ops), &problem, state, memory, taus, keep);
+        fit::iterate(task.solver.arch, ops, &problem, state, memory, taus, keep);
     }
 }
 

@@ -1,7 +1,7 @@
 //! Settings of spatio-temporal total variation.
 
 use crate::InverseError;
-use crate::data::{check_length, check_positive};
+use crate::check::{check_length, check_positive};
 use std::time::Duration;
 
 /// How the images are bound to the data.
@@ -61,7 +61,20 @@ impl Default for StTvSettings {
     }
 }
 
+/// What the data and the variation weigh against each other.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Weights {
+    pub(crate) lambda_space: f64,
+    pub(crate) lambda_time: f64,
+    pub(crate) fidelity: Fidelity,
+}
+
 impl StTvSettings {
+    pub(crate) fn weights(&self) -> Weights {
+        let Self { lambda_space, lambda_time, fidelity, .. } = *self;
+        Weights { lambda_space, lambda_time, fidelity }
+    }
+
     /// Refuses what is out of range.
     pub(crate) fn check(&self, measurements: usize) -> Result<(), InverseError> {
         check_positive("lambda_space", self.lambda_space)?;

@@ -1,16 +1,16 @@
 //! Step sizes, from norms alone.
 
-use super::certificate::Problem;
-use super::engine::State;
+use super::float::Float;
 use super::operators::Operators;
-use super::scalar::Scalar;
+use super::problem::Problem;
+use super::state::State;
 
 /// Share of the balanced step that is best to begin with, on the reference problems; a factor of
 /// two either way costs a tenth of the iterations.
 const SHARE: f64 = 0.6;
 
 /// `|D|^2` with the links in time and the bounds, for `sigma tau |D|^2 = 1`.
-pub(crate) fn norm_squared<T: Scalar>(ops: &Operators<T>, state: &State<T>) -> f64 {
+pub(crate) fn norm_squared<T: Float>(ops: &Operators<T>, state: &State<T>) -> f64 {
     let time = if state.time_dual.is_empty() { 0.0 } else { 4.0 };
     let bounds = if state.bound_dual.is_empty() { 0.0 } else { 1.0 };
     // a basis without any difference (one pixel) and without bounds has no dual step
@@ -25,7 +25,7 @@ fn balanced(image: f64, dual: f64, norm_squared: f64) -> Option<f64> {
 }
 
 /// A first guess, from the least squares image and the largest dual variables.
-pub(crate) fn guess<T: Scalar>(
+pub(crate) fn guess<T: Float>(
     problem: &Problem<'_>,
     ops: &Operators<T>,
     state: &State<T>,
@@ -49,7 +49,7 @@ pub(crate) fn guess<T: Scalar>(
 }
 
 /// From an iterate.
-pub(crate) fn measure<T: Scalar>(ops: &Operators<T>, state: &State<T>) -> Option<f64> {
+pub(crate) fn measure<T: Float>(ops: &Operators<T>, state: &State<T>) -> Option<f64> {
     let square = |values: &[T]| values.iter().map(|v| v.to_f64().powi(2)).sum::<f64>();
     let image = square(&state.image);
     let dual = square(&state.dual) + square(&state.time_dual);

@@ -5,14 +5,14 @@
 
 use super::certificate::Evaluation;
 use super::data::{Mode, ModeScratch, Target};
-use super::engine::State;
 use super::fit::{self, Memory};
 use super::settings::{Fidelity, StreamSettings};
+use super::state::State;
 use super::step;
 use super::window::{Outcome, Which, Window};
 use super::{StTv, quiet::quiet_threshold};
-use crate::data::{check_length, check_positive};
-use crate::{Certificate, InverseError, MovieStatus};
+use crate::check::{check_length, check_positive};
+use crate::{Certificate, InverseError, SequenceStatus};
 use std::time::Instant;
 
 /// What a push gave.
@@ -21,7 +21,7 @@ pub struct StreamStep<'a> {
     /// Image of the lagged frame, siemens, `[unknown]`; `None` until the window reaches back to it.
     pub image: Option<&'a [f64]>,
     /// Why the iteration stopped.
-    pub status: MovieStatus,
+    pub status: SequenceStatus,
     /// Iterations of this push.
     pub iterations: usize,
     /// Bounds on the window's optimum.
@@ -481,7 +481,7 @@ impl StTvStream {
         }
         let primal = if self.window.delta.is_empty() { 0.5 * square } else { 0.0 };
         // the zero image was not shown to be optimal, only not to differ from it beyond noise
-        Outcome { status: MovieStatus::Direct, iterations: 0, primal, lower_bound: 0.0 }
+        Outcome { status: SequenceStatus::Direct, iterations: 0, primal, lower_bound: 0.0 }
     }
 
     /// Objective and residual in the caller's units per unit inside.
@@ -506,7 +506,7 @@ impl StTvStream {
         let mut round = self.expected.max(FIRST_ROUND);
         let mut done = 0;
         let mut outcome = Outcome {
-            status: MovieStatus::Converged,
+            status: SequenceStatus::Converged,
             iterations: 0,
             primal: f64::INFINITY,
             lower_bound: f64::NEG_INFINITY,
@@ -534,10 +534,10 @@ impl StTvStream {
                 return outcome;
             }
             if start.elapsed().as_secs_f64() >= deadline {
-                return Outcome { status: MovieStatus::Deadline, ..outcome };
+                return Outcome { status: SequenceStatus::Deadline, ..outcome };
             }
             if outcome.iterations >= max_iterations {
-                return Outcome { status: MovieStatus::IterationCap, ..outcome };
+                return Outcome { status: SequenceStatus::IterationCap, ..outcome };
             }
         }
     }
@@ -554,8 +554,8 @@ impl StTvStream {
             let memory =
                 Memory { columns: &mut scratch.columns, data_dual: &mut evaluation.data_dual };
             let last = k + 1 == count;
-            let with = (solver.arch, &solver.single);
-            fit::iterate(with, &problem, state, memory, [tau; 2], last);
+            let (arch, ops) = (solver.arch, &solver.single);
+            fit::iterate(arch, ops, &problem, state, memory, [tau; 2], last);
         }
     }
 

@@ -2,10 +2,10 @@
 //!
 //! Long because the steps of one sweep share one layout and are inlined into one function.
 
-use super::engine::{PAD, RHO, State, Steps};
+use super::float::Float;
 use super::kernel::{LANES, PANEL, add_row, add_scaled, analyse, lanes, row, row_mut, synthesise};
 use super::operators::{BLOCK, Group, Operators};
-use super::scalar::Scalar;
+use super::state::{PAD, RHO, State, Steps};
 use pulp::{Simd, WithSimd};
 
 /// [`Steps`] in the iteration's type.
@@ -17,7 +17,7 @@ pub(super) struct Scaled<T> {
     pub(super) bounds: Option<[T; 2]>,
 }
 
-impl<T: Scalar> Scaled<T> {
+impl<T: Float> Scaled<T> {
     pub(super) fn new(steps: &Steps) -> Self {
         Self {
             sigma: T::from_f64(steps.sigma),
@@ -35,7 +35,7 @@ pub(super) struct Analyse<'a, T> {
     pub(super) ops: &'a Operators<T>,
 }
 
-impl<T: Scalar> WithSimd for Analyse<'_, T> {
+impl<T: Float> WithSimd for Analyse<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -56,7 +56,7 @@ pub(super) struct Pull<'a, T> {
     pub(super) ops: &'a Operators<T>,
 }
 
-impl<T: Scalar> WithSimd for Pull<'_, T> {
+impl<T: Float> WithSimd for Pull<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -76,7 +76,7 @@ pub(super) struct Descend<'a, T> {
     pub(super) tau: T,
 }
 
-impl<T: Scalar> WithSimd for Descend<'_, T> {
+impl<T: Float> WithSimd for Descend<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -92,7 +92,7 @@ impl<T: Scalar> WithSimd for Descend<'_, T> {
 
 /// `w` of a block, and its share of the coefficients.
 #[inline(always)]
-fn descend<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, block: usize, tau: T) {
+fn descend<T: Float>(state: &mut State<T>, ops: &Operators<T>, block: usize, tau: T) {
     let stride = state.stride;
     let first = block * BLOCK;
     for p in first..(first + BLOCK).min(ops.unknowns) {
@@ -106,7 +106,7 @@ fn descend<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, block: usize, ta
 
 /// `w = x - tau (D' q + D_t' q_t + p + tail)` of an unknown.
 #[inline(always)]
-fn step_down<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, unknown: usize, tau: T) {
+fn step_down<T: Float>(state: &mut State<T>, ops: &Operators<T>, unknown: usize, tau: T) {
     let stride = state.stride;
     let at = unknown * stride;
     let minus_tau = T::default() - tau;
@@ -135,7 +135,7 @@ fn step_down<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, unknown: usize
 
 /// `w = x - tau D' q` of `B` blocks of frames; returns how many frames these are.
 #[inline(always)]
-fn divergence<T: Scalar, const B: usize>(
+fn divergence<T: Float, const B: usize>(
     state: &mut State<T>,
     ops: &Operators<T>,
     unknown: usize,
@@ -167,7 +167,7 @@ pub(super) struct Sweep<'a, T> {
     pub(super) keep: bool,
 }
 
-impl<T: Scalar> WithSimd for Sweep<'_, T> {
+impl<T: Float> WithSimd for Sweep<'_, T> {
     type Output = ();
 
     #[inline(always)]
@@ -194,7 +194,7 @@ impl<T: Scalar> WithSimd for Sweep<'_, T> {
 
 /// Image, and duals of time and bounds, of a block.
 #[inline(always)]
-fn ascend<T: Scalar>(
+fn ascend<T: Float>(
     state: &mut State<T>,
     ops: &Operators<T>,
     steps: &Scaled<T>,
@@ -226,7 +226,7 @@ fn ascend<T: Scalar>(
 
 /// `block` holds `x^`: sets it to `2 x^ - x` and relaxes `x`.
 #[inline(always)]
-fn extrapolate<T: Scalar>(image: &mut [T], block: &mut [T], rho: T) {
+fn extrapolate<T: Float>(image: &mut [T], block: &mut [T], rho: T) {
     let images = image.as_chunks_mut::<LANES>().0;
     for (x, b) in images.iter_mut().zip(block.as_chunks_mut::<LANES>().0) {
         let change: [T; LANES] = lanes(|l| b[l] - x[l]);
@@ -236,7 +236,7 @@ fn extrapolate<T: Scalar>(image: &mut [T], block: &mut [T], rho: T) {
 }
 
 #[inline(always)]
-fn bound_step<T: Scalar>(
+fn bound_step<T: Float>(
     duals: &mut [T],
     row: &[T],
     present: &[T],
@@ -257,7 +257,7 @@ fn bound_step<T: Scalar>(
 }
 
 #[inline(always)]
-fn time_step<T: Scalar>(
+fn time_step<T: Float>(
     state: &mut State<T>,
     ops: &Operators<T>,
     steps: &Scaled<T>,
@@ -283,7 +283,7 @@ fn time_step<T: Scalar>(
 
 /// Differences of a group, one array for each component.
 #[inline(always)]
-pub(crate) fn differences<T: Scalar>(group: &Group<T>, rows: [&[T; LANES]; 3]) -> [[T; LANES]; 2] {
+pub(crate) fn differences<T: Float>(group: &Group<T>, rows: [&[T; LANES]; 3]) -> [[T; LANES]; 2] {
     // not by `map`: a closure inside it is compiled for the least of all machines
     let component = |w: &[T; 3]| {
         let first = lanes(|l| w[0] * rows[0][l]);
@@ -294,7 +294,7 @@ pub(crate) fn differences<T: Scalar>(group: &Group<T>, rows: [&[T; LANES]; 3]) -
 
 /// The rows of a group's unknowns.
 #[inline(always)]
-fn group_rows<'a, T: Scalar>(
+fn group_rows<'a, T: Float>(
     work: &'a [T],
     group: &Group<T>,
     stride: usize,
@@ -303,7 +303,7 @@ fn group_rows<'a, T: Scalar>(
 }
 
 #[inline(always)]
-fn pair_step<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, steps: &Scaled<T>, index: usize) {
+fn pair_step<T: Float>(state: &mut State<T>, ops: &Operators<T>, steps: &Scaled<T>, index: usize) {
     let stride = state.stride;
     let group = &ops.groups[index];
     let radius = steps.space * ops.radius[index];
@@ -328,7 +328,7 @@ fn pair_step<T: Scalar>(state: &mut State<T>, ops: &Operators<T>, steps: &Scaled
 }
 
 #[inline(always)]
-fn single_step<T: Scalar>(
+fn single_step<T: Float>(
     state: &mut State<T>,
     ops: &Operators<T>,
     steps: &Scaled<T>,

@@ -1,35 +1,21 @@
 //! One sequence in the solver's own units.
 
 use super::batch::StTv;
-use super::certificate::{Fidelity as Terms, Parts, Problem};
-use super::data::MovieData;
-use super::settings::Fidelity;
+use super::data::SequenceData;
+use super::problem::{DataTerm, Problem};
+use super::settings::{Fidelity, Weights};
 use crate::{
-    Certificate, Differences, Gradient, InverseError, Movie, MovieReport, MovieStatus, TracePoint,
+    Certificate, Differences, ImageSequence, InverseError, SequenceReport, SequenceStatus,
+    TracePoint,
 };
-use faer::MatRef;
 use ndarray::Array2;
 use std::time::Instant;
-
-impl Parts {
-    pub(crate) fn new(gradient: &Gradient, basis: MatRef<'_, f64>) -> Self {
-        let (label, count) = gradient.parts();
-        let mut sizes = vec![0.0; count];
-        let mut sensitivity = vec![vec![0.0; basis.ncols()]; count];
-        for (p, &part) in label.iter().enumerate() {
-            sizes[part as usize] += 1.0;
-            let sums = &mut sensitivity[part as usize];
-            sums.iter_mut().zip(basis.row(p).iter()).for_each(|(sum, v)| *sum += v);
-        }
-        Self { label, sizes, sensitivity }
-    }
-}
 
 /// A sequence, scaled so that the Jacobian's largest singular value and the root mean square of a
 /// frame's data are 1: then nothing over- or underflows in `f32`, whatever the units.
 pub(crate) struct Task<'a> {
     pub(crate) solver: &'a StTv,
-    pub(crate) data: MovieData,
+    pub(crate) data: SequenceData,
     pub(crate) frames: usize,
     /// Radius of each frame in these units; empty where the data is penalised.
     pub(crate) delta: Vec<f64>,
@@ -45,10 +31,11 @@ pub(crate) struct Task<'a> {
 impl<'a> Task<'a> {
     pub(crate) fn new(
         solver: &'a StTv,
-        (lambda_space, lambda_time, fidelity): (f64, f64, Fidelity),
+        weights: Weights,
         frames: &Differences<'_>,
     ) -> Result<Self, InverseError> {
-        let mut data = MovieData::new(&solver.compression, frames)?;
+        let Weights { lambda_space, lambda_time, fidelity } = weights;
+        let mut data = SequenceData::new(&solver.compression, frames)?;
         let count = data.targets.len();
         let settings = &solver.settings;
         let square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
@@ -112,8 +99,8 @@ impl<'a> Task<'a> {
         self.frames > 1 && self.lambda_time > 0.0
     }
 
-    pub(crate) fn terms(&self) -> Terms<'_> {
-        if self.delta.is_empty() { Terms::Penalised } else { Terms::Constrained(&self.delta) }
+    pub(crate) fn data_term(&self) -> DataTerm<'_> {
+        if self.delta.is_empty() { DataTerm::Penalised } else { DataTerm::Constrained(&self.delta) }
     }
 
     pub(crate) fn problem(&self) -> Problem<'_> {
@@ -125,15 +112,15 @@ impl<'a> Task<'a> {
             modes: &self.data.modes,
             mode_of: &self.data.mode_of,
             targets: &self.data.targets,
-            fidelity: self.terms(),
+            data_term: self.data_term(),
             lambda_space: self.lambda_space,
             lambda_time: self.lambda_time,
             bounds: self.bounds,
         }
     }
 
-    /// The result where the zero movie is optimal without any solve.
-    pub(crate) fn nothing(&self, start: Instant) -> Movie {
+    /// The result where the zero sequence is optimal without any solve.
+    pub(crate) fn nothing(&self, start: Instant) -> ImageSequence {
         let square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
         let norm = |f: usize| {
             let target = &self.data.targets[f];
@@ -141,11 +128,11 @@ impl<'a> Task<'a> {
         };
         let residual: Vec<f64> = (0..self.frames).map(norm).collect();
         let value = if self.delta.is_empty() { 0.5 * square(&residual) } else { 0.0 };
-        Movie {
+        ImageSequence {
             images: Array2::zeros((self.frames, self.solver.unknowns())),
-            report: MovieReport {
+            report: SequenceReport {
                 method: self.name(),
-                status: MovieStatus::Converged,
+                status: SequenceStatus::Converged,
                 iterations: 0,
                 seconds: start.elapsed().as_secs_f64(),
                 residual,
@@ -159,15 +146,16 @@ impl<'a> Task<'a> {
         if self.linked() { "st-tv" } else { "tv" }
     }
 
-    /// A movie from images `[unknown][stride]` and a trace, in these units.
-    pub(crate) fn movie(
+    /// The sequence of images `[unknown][stride]` and a trace, in these units.
+    pub(crate) fn sequence(
         &self,
         images: &[f64],
         stride: usize,
         residual: &[f64],
         trace: &[TracePoint],
-        (status, start): (MovieStatus, Instant),
-    ) -> Movie {
+        status: SequenceStatus,
+        start: Instant,
+    ) -> ImageSequence {
         let unit = self.objective;
         let scaled = |point: &TracePoint| TracePoint {
             primal: point.primal * unit,
@@ -183,9 +171,9 @@ impl<'a> Task<'a> {
             // bounds hold to the last bit
             (images[p * stride + frame] * per_image).clamp(lower, upper)
         };
-        Movie {
+        ImageSequence {
             images: Array2::from_shape_fn((self.frames, unknowns), value),
-            report: MovieReport {
+            report: SequenceReport {
                 method: self.name(),
                 status,
                 iterations: last.map_or(0, |point| point.iterations),

@@ -1,8 +1,9 @@
 //! Weights from the noise.
 
 use super::kernel::LANES;
+use super::settings::Weights;
 use super::{Fidelity, StTv, Stop};
-use crate::data::check_positive;
+use crate::check::check_positive;
 use crate::{Differences, InverseError};
 use ndarray::Axis;
 use std::time::Instant;
@@ -105,17 +106,15 @@ impl StTv {
         let linked = self.settings.lambda_time > 0.0;
         let ratio = if linked { 1.0 / length_m } else { 0.0 };
         let mut trial = Trial { solver: self, sample, ratio, curve: Vec::new() };
-        let (lambda_space, residual, status) = trial.search()?;
+        let (found, status) = trial.search()?;
         let mut curve = trial.curve;
         curve.sort_by(|a, b| a.lambda_space.total_cmp(&b.lambda_space));
         let corner = corner(&curve);
-        let flattened = flattened(&curve, corner, lambda_space);
-        let (lambda_space, residual, status) = match (status, flattened) {
-            (WeightStatus::Reached, Some(corner)) => {
-                (corner.lambda_space, corner.residual_norm, WeightStatus::Flattened)
-            }
-            found => (lambda_space, residual, found.0),
+        let (found, status) = match (status, flattened(&curve, corner, found.lambda_space)) {
+            (WeightStatus::Reached, Some(corner)) => (corner, WeightStatus::Flattened),
+            (status, _) => (found, status),
         };
+        let WeightPoint { lambda_space, residual_norm: residual, .. } = found;
         let lambda_time = ratio * lambda_space;
         self.set_weights(lambda_space, lambda_time, Fidelity::Penalised)?;
         let seconds = start.elapsed().as_secs_f64();
@@ -183,60 +182,59 @@ struct Trial<'a> {
 }
 
 impl Trial<'_> {
-    fn search(&mut self) -> Result<(f64, f64, WeightStatus), InverseError> {
+    fn search(&mut self) -> Result<(WeightPoint, WeightStatus), InverseError> {
         let guess = self.solver.weight_of_noise();
         let guess = if guess > 0.0 && guess.is_finite() { guess } else { self.solver.unit };
-        let mut found = (guess, self.residual(guess)?);
-        let up = found.1 < 1.0;
+        let mut found = self.solve(guess)?;
+        let up = found.residual_norm < 1.0;
         let mut other = found;
         for _ in 0..TRIALS {
-            let next = if up { other.0 * STRIDE } else { other.0 / STRIDE };
+            let last = other.lambda_space;
             found = other;
-            other = (next, self.residual(next)?);
-            if (other.1 < 1.0) != up {
-                return self.bisect(if up { [found, other] } else { [other, found] });
+            other = self.solve(if up { last * STRIDE } else { last / STRIDE })?;
+            if (other.residual_norm < 1.0) != up {
+                let (low, high) = if up { (found, other) } else { (other, found) };
+                return self.bisect(low, high);
             }
         }
         let status = if up { WeightStatus::AtUpperEdge } else { WeightStatus::AtLowerEdge };
-        Ok((other.0, other.1, status))
+        Ok((other, status))
     }
 
     /// Halves the logarithmic interval between a weight that explains the data and one that does
     /// not.
     fn bisect(
         &mut self,
-        [mut low, mut high]: [(f64, f64); 2],
-    ) -> Result<(f64, f64, WeightStatus), InverseError> {
+        mut low: WeightPoint,
+        mut high: WeightPoint,
+    ) -> Result<(WeightPoint, WeightStatus), InverseError> {
         for _ in 0..HALVINGS {
-            let middle = (low.0 * high.0).sqrt();
-            let residual = self.residual(middle)?;
-            if residual < 1.0 {
-                low = (middle, residual);
+            let middle = self.solve((low.lambda_space * high.lambda_space).sqrt())?;
+            if middle.residual_norm < 1.0 {
+                low = middle;
             } else {
-                high = (middle, residual);
+                high = middle;
             }
         }
-        Ok((low.0, low.1, WeightStatus::Reached))
+        Ok((low, WeightStatus::Reached))
     }
 
-    /// Root mean square residual for a weight.
-    fn residual(&mut self, lambda_space: f64) -> Result<f64, InverseError> {
+    /// Solves with a weight, roughly.
+    fn solve(&mut self, lambda_space: f64) -> Result<WeightPoint, InverseError> {
         let lambda_time = self.ratio * lambda_space;
+        let weights = Weights { lambda_space, lambda_time, fidelity: Fidelity::Penalised };
         let stop = Stop { target_gap: TRIAL_GAP, max_iterations: 2000, ..Default::default() };
-        let movie = self.solver.solve_with(
-            (lambda_space, lambda_time, Fidelity::Penalised),
-            &self.sample,
-            &stop,
-        )?;
+        let sequence = self.solver.solve_with(weights, &self.sample, &stop)?;
         let good = (0..self.sample.values.nrows())
             .map(|f| self.solver.good_channels(&self.sample, f))
             .sum::<usize>();
-        let square: f64 = movie.report.residual.iter().map(|r| r * r).sum();
+        let square: f64 = sequence.report.residual.iter().map(|r| r * r).sum();
         let residual_norm = (square / good.max(1) as f64).sqrt();
-        let primal = movie.report.certificate.map_or(f64::NAN, |c| c.primal);
+        let primal = sequence.report.certificate.map_or(f64::NAN, |c| c.primal);
         let variation = ((primal - 0.5 * square) / lambda_space).max(0.0);
-        self.curve.push(WeightPoint { lambda_space, residual_norm, variation });
-        Ok(residual_norm)
+        let point = WeightPoint { lambda_space, residual_norm, variation };
+        self.curve.push(point);
+        Ok(point)
     }
 }
 

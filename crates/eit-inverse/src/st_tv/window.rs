@@ -1,9 +1,9 @@
 //! The window of a stream as the iteration and its evaluation see it.
 
 use super::StTv;
-use super::certificate::{Fidelity as Terms, Problem};
 use super::data::{Mode, Target};
-use crate::MovieStatus;
+use super::problem::{DataTerm, Problem};
+use crate::SequenceStatus;
 
 /// The two runs.
 #[derive(Debug, Clone, Copy)]
@@ -14,7 +14,7 @@ pub(super) enum Which {
 
 /// How the iteration of a push ended, in inner units.
 pub(super) struct Outcome {
-    pub(super) status: MovieStatus,
+    pub(super) status: SequenceStatus,
     pub(super) iterations: usize,
     pub(super) primal: f64,
     pub(super) lower_bound: f64,
@@ -43,8 +43,8 @@ pub(super) struct Window {
 }
 
 impl Window {
-    pub(super) fn terms(&self) -> Terms<'_> {
-        if self.delta.is_empty() { Terms::Penalised } else { Terms::Constrained(&self.delta) }
+    pub(super) fn data_term(&self) -> DataTerm<'_> {
+        if self.delta.is_empty() { DataTerm::Penalised } else { DataTerm::Constrained(&self.delta) }
     }
 
     pub(super) fn problem<'a>(&'a self, solver: &'a StTv) -> Problem<'a> {
@@ -57,7 +57,7 @@ impl Window {
             modes: &self.modes,
             mode_of: &self.mode_of,
             targets: &self.targets,
-            fidelity: self.terms(),
+            data_term: self.data_term(),
             lambda_space,
             lambda_time,
             bounds: self.bounds,

@@ -56,7 +56,8 @@ pub fn cramer_rao(
     surface: &Surface,
     background_s: &[f64],
     settings: FitSettings,
-    (touches, nuisance): (&[Bell], Nuisance),
+    touches: &[Bell],
+    nuisance: Nuisance,
 ) -> Result<Vec<BellBound>, InverseError> {
     TouchFit::new(model, surface, background_s, settings)?.bound(touches, nuisance)
 }

@@ -14,7 +14,7 @@ mod select;
 mod solve;
 
 use super::bell::Bell;
-use crate::data::{Channels, check_positive};
+use crate::check::check_positive;
 use crate::{DifferenceSettings, InverseError};
 use eit_fem::ForwardModel;
 use eit_mesh::Surface;
@@ -171,7 +171,7 @@ impl<'a> TouchFit<'a> {
         settings: FitSettings,
     ) -> Result<Self, InverseError> {
         settings.validate()?;
-        let channels = Channels::new(model.protocol().measurements(), &settings.data)?;
+        let channels = settings.data.channels(model.protocol().measurements())?;
         let problem = Problem::new(model, surface, background_s, channels)?;
         Ok(Self { problem, settings })
     }

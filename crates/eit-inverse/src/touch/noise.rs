@@ -1,7 +1,7 @@
 //! The noise floor: how high noise alone makes an image, and where a touch begins.
 
 use super::normal::{Random, student_quantile, upper_quantile, upper_tail};
-use crate::data::check_length;
+use crate::check::check_length;
 use crate::{InverseError, Reconstructor};
 use ndarray::ArrayView2;
 
@@ -35,8 +35,8 @@ pub struct FalseAlarms {
 impl FalseAlarms {
     /// Refuses what cannot be.
     pub(super) fn validate(&self) -> Result<(), InverseError> {
-        crate::data::check_positive("false touches per hour", self.per_hour)?;
-        crate::data::check_positive("frame_rate_hz", self.frame_rate_hz)?;
+        crate::check::check_positive("false touches per hour", self.per_hour)?;
+        crate::check::check_positive("frame_rate_hz", self.frame_rate_hz)?;
         if self.hits == 0 || self.hits > self.of || self.of > 32 {
             let (quantity, value) = ("birth_hits", self.hits as f64);
             let must = "at least 1 and at most birth_frames, which is at most 32";

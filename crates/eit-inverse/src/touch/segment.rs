@@ -1,8 +1,7 @@
 //! Blobs of an image above its noise floor: where, how strong, how certain.
 
 use super::noise::NoiseFloor;
-use super::watershed::{NONE, Watershed};
-use crate::metrics::{Cells, ChangeSign};
+use crate::metrics::{Cells, ChangeSign, NONE, Watershed};
 
 /// What tells a blob from noise, artefacts and its neighbours.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -104,7 +103,9 @@ impl Segmenter {
             measure(&self.watershed, &self.heights, &self.cells, &mut spot);
             spot.integral *= factor;
             spot.covariance_m2 = covariance(
-                (&self.watershed, &self.heights, &self.cells),
+                &self.watershed,
+                &self.heights,
+                &self.cells,
                 floor,
                 &spot,
                 &mut self.gradient,
@@ -167,7 +168,9 @@ fn measure(watershed: &Watershed, heights: &[f64], cells: &Cells<3>, spot: &mut 
 /// Covariance of the centre `c = sum w p / sum w`, `w = a (x - x_top / 2)`, by
 /// `dc = sum a_k (p_k - c) (dx_k - dx_top / 2) / sum w` through the factor of the image's noise.
 fn covariance(
-    (watershed, heights, cells): (&Watershed, &[f64], &Cells<3>),
+    watershed: &Watershed,
+    heights: &[f64],
+    cells: &Cells<3>,
     floor: &NoiseFloor,
     spot: &Spot,
     gradient: &mut [Vec<f64>; 3],

@@ -5,8 +5,8 @@ use super::contact::{Touch, TouchState};
 use super::filter::Filter;
 use super::noise::NoiseFloor;
 use super::segment::{Segmenter, Spot};
-use super::stream::TouchStreamSettings;
-use crate::prior::distance_m;
+use super::settings::TouchStreamSettings;
+use crate::geometry::distance_m;
 
 /// Cost of a pair that must not be: above any sum of gates.
 const NEVER: f64 = 1e7;
@@ -65,7 +65,8 @@ impl Tracker {
     pub(super) fn run(
         &mut self,
         segmenter: &Segmenter,
-        (time_s, dt): (f64, f64),
+        time_s: f64,
+        dt: f64,
         settings: &TouchStreamSettings,
         effective_cells: f64,
     ) {

@@ -1,10 +1,11 @@
-//! Movies of small problems, and their objective written out.
+//! Sequences of small problems, and their objective written out.
 
 #![allow(dead_code, missing_docs, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
 use eit_inverse::{
-    Differences, Fidelity, Gradient, InverseError, Movie, MovieStatus, StTv, StTvSettings, Stop,
+    Differences, Fidelity, Gradient, ImageSequence, InverseError, SequenceStatus, StTv,
+    StTvSettings, Stop,
 };
 use ndarray::{Array1, Array2};
 
@@ -21,7 +22,7 @@ pub struct Problem {
     pub good: Option<Array2<bool>>,
 }
 
-/// Objective of a movie: the data's part and the variation's.
+/// Objective of a sequence: the data's part and the variation's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Objective {
     pub data: f64,
@@ -52,11 +53,11 @@ impl Problem {
         StTv::new(&self.jacobian, &self.gradient, self.settings.clone())
     }
 
-    pub fn try_solve(&self, stop: &Stop) -> Result<Movie, InverseError> {
+    pub fn try_solve(&self, stop: &Stop) -> Result<ImageSequence, InverseError> {
         self.solver()?.solve(&self.differences(), stop)
     }
 
-    pub fn solve(&self, stop: &Stop) -> Movie {
+    pub fn solve(&self, stop: &Stop) -> ImageSequence {
         self.try_solve(stop).unwrap()
     }
 
@@ -110,7 +111,7 @@ impl Problem {
         (0..self.frames()).map(one).collect()
     }
 
-    /// The objective of a movie within the bounds.
+    /// The objective of a sequence within the bounds.
     pub fn objective(&self, images: &Array2<f64>) -> Objective {
         let StTvSettings { lambda_space, lambda_time, fidelity, .. } = self.settings;
         let data = match fidelity {
@@ -134,13 +135,13 @@ impl Problem {
         Objective { data, variation: lambda_space * space + lambda_time * time }
     }
 
-    /// Half the squared whitened data: the objective of the zero movie of the penalised form, and
+    /// Half the squared whitened data: the objective of the zero sequence of the penalised form, and
     /// the size against which residuals are rounded.
     pub fn size(&self) -> f64 {
         (0..self.frames()).map(|t| 0.5 * self.whitened(t).mapv(|v| v * v).sum()).sum()
     }
 
-    /// Rounding of the objective of a movie: of residuals, which are differences of values as large
+    /// Rounding of the objective of a sequence: of residuals, which are differences of values as large
     /// as the data, and of differences of equal values.
     pub fn rounding(&self, images: &Array2<f64>) -> f64 {
         let StTvSettings { lambda_space, lambda_time, fidelity, .. } = self.settings;
@@ -166,27 +167,30 @@ impl Problem {
     /// What every result owes: images within bounds to the last bit, report and objective equal to
     /// those written out here, a gap that is not negative and not above the asked one where the
     /// status says so.
-    pub fn check(&self, movie: &Movie, stop: &Stop) -> Result<(), String> {
+    pub fn check(&self, sequence: &ImageSequence, stop: &Stop) -> Result<(), String> {
         let bounds = self.settings.lower_s..=self.settings.upper_s;
         let ensure = |truth: bool, what: String| if truth { Ok(()) } else { Err(what) };
-        ensure(movie.images.iter().all(|x| x.is_finite() && bounds.contains(x)), "bounds".into())?;
-        let certificate = movie.report.certificate.ok_or("no certificate")?;
+        ensure(
+            sequence.images.iter().all(|x| x.is_finite() && bounds.contains(x)),
+            "bounds".into(),
+        )?;
+        let certificate = sequence.report.certificate.ok_or("no certificate")?;
         if certificate.primal == f64::INFINITY {
             // no feasible image was found in time: possible with constraints alone
-            let unsolved = movie.report.status != MovieStatus::Converged;
+            let unsolved = sequence.report.status != SequenceStatus::Converged;
             return ensure(unsolved && self.radius(0).is_some(), "no primal value".into());
         }
-        let Objective { data, variation } = self.objective(&movie.images);
+        let Objective { data, variation } = self.objective(&sequence.images);
         let (found, wanted) = (certificate.primal, data + variation);
         // rounding of sums, and of residuals as differences of values as large as the data
-        let floor = self.rounding(&movie.images);
+        let floor = self.rounding(&sequence.images);
         ensure(
             (found - wanted).abs() <= 1e-9 * wanted + floor,
             format!("primal value {found:e}, images have {data:e} + {variation:e}"),
         )?;
         let root = (2.0 * self.size()).sqrt();
         for (t, (found, wanted)) in
-            movie.report.residual.iter().zip(self.residuals(&movie.images)).enumerate()
+            sequence.report.residual.iter().zip(self.residuals(&sequence.images)).enumerate()
         {
             // what no image explains is a difference of squares of up to 26 terms: the root of their
             // rounding
@@ -209,7 +213,7 @@ impl Problem {
             format!("bounds cross: {certificate:?}"),
         )?;
         ensure(
-            movie.report.status != MovieStatus::Converged
+            sequence.report.status != SequenceStatus::Converged
                 || certificate.relative_gap() <= stop.target_gap,
             format!("gap {:e} is not the asked one", certificate.relative_gap()),
         )

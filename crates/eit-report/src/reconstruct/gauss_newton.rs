@@ -2,7 +2,7 @@
 
 use super::{Made, Task, kind_words};
 use crate::error::ReportError;
-use eit_inverse::{CurvePoint, Differences, HyperparameterStatus, MovieReport};
+use eit_inverse::{CurvePoint, Differences, HyperparameterStatus, SequenceReport};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
 use eit_skin::method::Method;
 use eit_skin::one_step::Imaging;
@@ -63,7 +63,7 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
 /// Images [frame, row, column] and, for a method of sequences, its report.
 struct Images {
     images: Array3<f64>,
-    report: Option<MovieReport>,
+    report: Option<SequenceReport>,
 }
 
 impl Task<'_> {
@@ -103,7 +103,7 @@ fn images(
     };
     let values = frames.differences(imaging.kind);
     let differences = Differences { values: values.view(), good: Some(frames.good.view()) };
-    let movie = progress.stage("images", || method.reconstruct(&differences))?;
+    let movie = progress.stage("images", || method.reconstruct_sequence(&differences))?;
     let pixels = sequence::pixels_of(movie.images.view(), &imaging.raster)?;
     let images = imaging.raster.images_from_pixels(pixels.view())?;
     Ok(Images { images, report: Some(movie.report) })

@@ -2,7 +2,7 @@
 
 use super::{Made, Task, kind_words};
 use crate::error::ReportError;
-use eit_inverse::{Certificate, MovieReport, MovieStatus, WeightPoint, WeightStatus};
+use eit_inverse::{Certificate, SequenceReport, SequenceStatus, WeightPoint, WeightStatus};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
 use eit_skin::total_variation::{TvMovie, Weights, stop};
 use eit_skin::{FittedFrames, Progress, check_images};
@@ -27,13 +27,13 @@ pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, Rep
 }
 
 /// Why a method stopped.
-pub fn status_words(status: MovieStatus) -> &'static str {
+pub fn status_words(status: SequenceStatus) -> &'static str {
     match status {
-        MovieStatus::Direct => "direct",
-        MovieStatus::Converged => "converged",
-        MovieStatus::Deadline => "deadline",
-        MovieStatus::IterationCap => "iteration cap",
-        MovieStatus::Stalled => "stalled",
+        SequenceStatus::Direct => "direct",
+        SequenceStatus::Converged => "converged",
+        SequenceStatus::Deadline => "deadline",
+        SequenceStatus::IterationCap => "iteration cap",
+        SequenceStatus::Stalled => "stalled",
         _ => "see the documentation of this version",
     }
 }
@@ -147,7 +147,7 @@ fn weights_line(weights: &Weights) -> String {
     line
 }
 
-fn solved_line(report: &MovieReport) -> String {
+fn solved_line(report: &SequenceReport) -> String {
     let certificate = report.certificate.map_or_else(String::new, |c| {
         format!(
             ", objective {:.4e}, proven to be at most {:.2} % above the optimum",

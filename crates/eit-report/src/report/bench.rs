@@ -2,7 +2,7 @@
 
 use crate::error::ReportError;
 use eit_inverse::metrics::Cells;
-use eit_inverse::{Differences, MovieMethod, MovieReport, Prior, StTv, Stop};
+use eit_inverse::{Differences, Prior, SequenceReport, SequenceSolver, StTv, Stop};
 use eit_mesh::Raster;
 use eit_skin::Progress;
 use eit_skin::frames::Frames;
@@ -102,7 +102,7 @@ pub(super) struct Entry<'a> {
 
 enum Runner<'a> {
     Tv(Box<StTv>),
-    Sequence(Box<dyn MovieMethod + 'a>),
+    Sequence(Box<dyn SequenceSolver + 'a>),
 }
 
 impl<'a> Entry<'a> {
@@ -191,14 +191,14 @@ impl<'a> Entry<'a> {
         &mut self,
         differences: &Differences<'_>,
         stop: &Stop,
-    ) -> Result<(Array2<f64>, MovieReport), ReportError> {
+    ) -> Result<(Array2<f64>, SequenceReport), ReportError> {
         match &mut self.runner {
             Runner::Tv(solver) => {
                 let movie = solver.solve(differences, stop)?;
                 Ok((movie.images, movie.report))
             }
             Runner::Sequence(method) => {
-                let movie = method.reconstruct(differences)?;
+                let movie = method.reconstruct_sequence(differences)?;
                 let pixels = sequence::pixels_of(movie.images.view(), &self.bench.raster)?;
                 Ok((pixels, movie.report))
             }

@@ -9,7 +9,7 @@ use crate::movement;
 use crate::progress::Progress;
 use crate::scene::DifferenceKind;
 use crate::total_variation::WINDOW;
-use eit_inverse::{InverseError, SideUnknowns, StTvStream};
+use eit_inverse::{InverseError, NuisanceParameters, StTvStream};
 use eit_mesh::Raster;
 
 /// What makes the images of an epoch; nothing in it depends on a clock.
@@ -18,7 +18,7 @@ pub struct LiveImages {
     kind: DifferenceKind,
     words: String,
     /// Takes the movement of electrodes out of differences for the window.
-    side: Option<SideUnknowns>,
+    side: Option<NuisanceParameters>,
     /// Electrodes move: only frames that are good in every used measurement have an image.
     is_whole: bool,
     window: Option<StTvStream>,

@@ -2,12 +2,12 @@
 
 use crate::error::SkinError;
 use crate::scene::DifferenceKind;
-use eit_inverse::SideUnknowns;
+use eit_inverse::NuisanceParameters;
 
 /// Takes the movement of electrodes out of a frame.
 #[derive(Debug)]
 pub(crate) struct Whitening {
-    side: SideUnknowns,
+    side: NuisanceParameters,
     kind: DifferenceKind,
     used: Vec<usize>,
     /// `[measurement]`; zero where not used.
@@ -18,7 +18,7 @@ pub(crate) struct Whitening {
 
 impl Whitening {
     /// For frames of which these measurements are used.
-    pub fn new(side: SideUnknowns, kind: DifferenceKind, used: &[bool]) -> Self {
+    pub fn new(side: NuisanceParameters, kind: DifferenceKind, used: &[bool]) -> Self {
         let differences = vec![0.0; used.len()];
         let used: Vec<usize> = (0..used.len()).filter(|&i| used[i]).collect();
         Self { side, kind, white: vec![0.0; used.len()], used, differences }

@@ -39,7 +39,7 @@ pub fn of(skin: &Skin) -> Option<Stage> {
             + search_s * nodes * unknowns
             + TIMES * (taken / PRODUCT_FLOPS_PER_S + copies_s),
         why: format!(
-            "each electrode may move by {:.2} mm along and across its rim: unknowns beside the image",
+            "each electrode may move by {:.2} mm along and across its rim: nuisance parameters",
             1e3 * movement_m
         ),
     })

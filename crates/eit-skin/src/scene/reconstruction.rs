@@ -22,7 +22,7 @@ pub struct ReconstructionSettings {
     #[serde(default)]
     pub use_driven_electrodes: bool,
     /// How far electrodes move with the fabric, standard deviation along the rim and across it,
-    /// metres: unknowns beside the image.
+    /// metres: nuisance parameters.
     pub electrode_movement_m: Option<f64>,
     /// Weights of total variation.
     pub lambda_space: Option<f64>,

@@ -1,9 +1,9 @@
 //! Constant images: where a solve begins, and its end where the weights are large.
 
 use super::Run;
-use crate::st_tv::scalar::Scalar;
+use crate::st_tv::float::Float;
 
-impl<T: Scalar> Run<'_, T> {
+impl<T: Float> Run<'_, T> {
     /// Values the best constant image: the optimum where the weights are large, and a bound to
     /// begin with.
     pub(super) fn try_constant(&mut self) {

@@ -1,7 +1,8 @@
 //! Residuals and their derivatives.
 
 use crate::InverseError;
-use crate::data::{Channels, check_length};
+use crate::check::check_length;
+use crate::data::Channels;
 use crate::touch::bell::{Bell, quadrature, value_and_slopes};
 use crate::touch::skin::{Place, nearest};
 use eit_fem::{ForwardModel, Workspace};

@@ -13,7 +13,7 @@ use super::peers;
 use super::point::{Course, Point, Solver, Spread};
 use super::{Recording, Size};
 use crate::error::ReportError;
-use eit_inverse::MovieStatus;
+use eit_inverse::SequenceStatus;
 use eit_skin::StopFlag;
 use eit_skin::denoise::Net;
 use eit_skin::method::Method;
@@ -175,7 +175,7 @@ impl Lane<'_> {
     fn point(&self, movie: &Array2<f64>, made: &Made) -> Result<Point, ReportError> {
         let Recording { simulated, truth, .. } = self.recording;
         let truth = Truth { pixels: truth, positions_m: &simulated.positions_m };
-        let (iterations, status, gap) = made.report.unwrap_or((0, MovieStatus::Direct, None));
+        let (iterations, status, gap) = made.report.unwrap_or((0, SequenceStatus::Direct, None));
         Ok(Point {
             target_gap: made.target_gap,
             time: made.time,
@@ -223,6 +223,6 @@ struct Made {
     /// A frame.
     floor_s: f64,
     /// Iterations, status and proven gap; `None` for a direct method.
-    report: Option<(usize, MovieStatus, Option<f64>)>,
+    report: Option<(usize, SequenceStatus, Option<f64>)>,
     target_gap: Option<f64>,
 }

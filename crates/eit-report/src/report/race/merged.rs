@@ -4,7 +4,7 @@
 use super::case::Case;
 use super::point::{Course, Point};
 use crate::reconstruct::movie_status_words;
-use eit_inverse::MovieStatus;
+use eit_inverse::SequenceStatus;
 use eit_skin::plan::machine::Machine;
 use eit_skin::plan::measured::Measured;
 
@@ -96,7 +96,7 @@ fn row(
 
 /// What did not converge on one recording has not converged.
 fn status(points: &[&Point]) -> &'static str {
-    let done = |p: &&&Point| matches!(p.status, MovieStatus::Direct | MovieStatus::Converged);
+    let done = |p: &&&Point| matches!(p.status, SequenceStatus::Direct | SequenceStatus::Converged);
     let worst = points.iter().find(|p| !done(p)).unwrap_or(&points[0]);
     movie_status_words(worst.status)
 }

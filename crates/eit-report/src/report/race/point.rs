@@ -1,7 +1,7 @@
 //! What is measured of a solver: time with its spread, error, certificate, floor.
 
 use super::super::scores::Scores;
-use eit_inverse::MovieStatus;
+use eit_inverse::SequenceStatus;
 use ndarray::Array2;
 use serde::Serialize;
 
@@ -46,7 +46,7 @@ pub(super) struct Point {
     /// Gap that was proven.
     pub gap: Option<f64>,
     pub iterations: usize,
-    pub status: MovieStatus,
+    pub status: SequenceStatus,
 }
 
 /// A solver on one recording, with every setting it was run at.

@@ -6,7 +6,7 @@ use super::super::super::bench::{Bench, Entrant};
 use super::super::point::{Course, Solver, Spread};
 use super::{Lane, Made, SetUp};
 use crate::error::ReportError;
-use eit_inverse::{MovieStatus, Reconstructor, StTvStream, Workspace};
+use eit_inverse::{Reconstructor, SequenceStatus, StTvStream, Workspace};
 use eit_skin::Progress;
 use eit_skin::denoise::{LiveNet, Net};
 use eit_skin::pipeline::{self, tv};
@@ -22,7 +22,7 @@ struct Run {
 }
 
 /// Iterations, the worst status, the worst gap.
-type StreamReport = (usize, MovieStatus, f64);
+type StreamReport = (usize, SequenceStatus, f64);
 
 /// What makes an image of a frame.
 enum Source<'a> {
@@ -45,7 +45,7 @@ impl Source<'_> {
                 let step = stream.push(differences, None)?;
                 *iterations += step.iterations;
                 *worst = worst.max(step.certificate.relative_gap());
-                if step.status != MovieStatus::Converged {
+                if step.status != SequenceStatus::Converged {
                     *status = step.status;
                 }
                 image.copy_from_slice(step.image.unwrap_or_default());
@@ -118,12 +118,12 @@ impl Lane<'_> {
         let (set_up_s, choice) = (start.elapsed().as_secs_f64(), first.words());
         let source = || {
             let made = tv::stream(&scene, entrant.method, models, (frames, 1.0))?;
-            let report = (0, MovieStatus::Converged, 0.0);
+            let report = (0, SequenceStatus::Converged, 0.0);
             Ok::<_, ReportError>(Source::Stream { stream: Box::new(made.stream), report })
         };
         let sources = (0..self.size.stream_runs).map(|_| source()).collect::<Result<_, _>>()?;
         let (run, report) = self.frame_by_frame((bench, &scene, net), sources)?;
-        let (iterations, status, worst) = report.unwrap_or((0, MovieStatus::Direct, 0.0));
+        let (iterations, status, worst) = report.unwrap_or((0, SequenceStatus::Direct, 0.0));
         let each = iterations as f64 / self.frames() as f64;
         let floor_s = self.floors.total_variation(bench, tv::WINDOW, each);
         let name = format!("{} stream", entrant.name());
@@ -196,4 +196,4 @@ impl Lane<'_> {
 }
 
 /// Floor of a frame, report, gap that was asked for.
-type Work = (f64, Option<(usize, MovieStatus, Option<f64>)>, Option<f64>);
+type Work = (f64, Option<(usize, SequenceStatus, Option<f64>)>, Option<f64>);

@@ -5,7 +5,7 @@ use super::super::super::bench::{Bench, Entrant};
 use super::super::point::{Course, Solver, Spread};
 use super::{Lane, Made, SetUp};
 use crate::error::ReportError;
-use eit_inverse::{Differences, MovieStatus, Stop};
+use eit_inverse::{Differences, SequenceStatus, Stop};
 use eit_skin::method::Method;
 use eit_skin::scene::Rule;
 use ndarray::Array2;
@@ -69,7 +69,7 @@ impl Lane<'_> {
             let iterations = report.iterations as f64;
             let floor_s = self.floors.total_variation(bench, frames, iterations) / frames as f64;
             let gap = report.certificate.map(|certificate| certificate.relative_gap());
-            let is_late = report.status == MovieStatus::Deadline;
+            let is_late = report.status == SequenceStatus::Deadline;
             let report = Some((report.iterations, report.status, gap));
             let time = Spread::of(seconds, frames);
             let made = Made { time, floor_s, report, target_gap: Some(target_gap) };

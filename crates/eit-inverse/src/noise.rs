@@ -1,0 +1,8 @@
+//! The noise of the data, measured on quiet frames, and nuisance parameters.
+
+mod estimate;
+mod nuisance;
+
+pub(crate) use estimate::deviations;
+pub use estimate::noise_std_of_quiet_frames;
+pub use nuisance::NuisanceParameters;

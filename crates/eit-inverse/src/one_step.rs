@@ -1,0 +1,27 @@
+//! One frame, one linear step: the map from difference data to an image, and its hyperparameter.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `gauss_newton`, `settings`, `report` | [`Difference`](crate::Difference): set-up |
+//! | `whitened`, `spectrum` | the weighted problem and its eigen-expansion, which methods of sequences share |
+//! | `reconstructor`, `left_out` | frames to images, bad values left out |
+//! | `hyperparameter` | rules that choose lambda |
+
+mod gauss_newton;
+mod hyperparameter;
+mod left_out;
+mod reconstructor;
+mod report;
+mod settings;
+mod spectrum;
+mod whitened;
+
+pub use gauss_newton::Difference;
+pub use hyperparameter::{
+    Chosen, CurvePoint, HyperparameterChoice, HyperparameterStatus, NoiseTarget,
+};
+pub use reconstructor::{Reconstructor, Workspace};
+pub use report::Report;
+pub use settings::DifferenceSettings;
+pub(crate) use spectrum::Spectrum;
+pub(crate) use whitened::{covariance_times, weighted_rows};

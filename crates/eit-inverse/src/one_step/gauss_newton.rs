@@ -1,0 +1,298 @@
+//! One-step difference Gauss-Newton.
+
+use super::hyperparameter::{Chosen, HyperparameterChoice, HyperparameterStatus};
+use super::report::Report;
+use super::spectrum::Spectrum;
+use super::whitened::{covariance_times, weighted_rows};
+use crate::check::check_positive;
+use crate::data::{Channels, FrameStatus};
+use crate::{DifferenceSettings, InverseError, Prior, Reconstructor, Workspace};
+use eit_mesh::CsrMatrix;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, ColRef, Mat, MatMut, MatRef, Par};
+use ndarray::{Array1, Array2, ArrayRef2, ArrayView2};
+use std::time::Instant;
+
+/// One-step difference reconstruction: the most probable conductivity change for Gaussian noise
+/// and a Gaussian prior.
+///
+/// ```text
+/// image = argmin  |dv - J dsigma|_W^2 + lambda^2 s |dsigma|_R^2  =  RM dv
+/// RM = P J' (J P J' + lambda^2 s W^-1)^-1  =  (J' W J + lambda^2 s R)^-1 J' W
+/// s  = trace(W^1/2 J P J' W^1/2) / m
+/// ```
+///
+/// with `J` the Jacobian `[measurement, element]` (rows divided by the model voltages for
+/// normalised data), `W^-1` the noise covariance, `P = R^-1` the prior covariance and `m` the used
+/// measurements. The scale `s` makes lambda dimensionless and gives it the same meaning in every
+/// scene: it is the ratio of noise to expected signal per measurement, whatever the units of
+/// conductivity, drive current, noise and prior. (Where reciprocal measurements are merged into one
+/// of double weight, `s` doubles: lambda must then be smaller by the root of 2 for the same image.)
+/// `RM` is computed in the first form, in measurement space (`m x m`, not `n x n`), from one
+/// eigen-expansion, so that another lambda costs `O(r m)`.
+///
+/// Cost of set-up: the prior's `J P`, `m^2 n` flops for `J P J'`, `m r^2` for its spectrum of rank
+/// `r`, `2 m n r` for the image basis.
+///
+/// Source: Adler, Guardo, *IEEE Trans. Med. Imaging* 15 (1996), 170-179; the measurement-space
+/// form: Adler, Dai, Lionheart, *Physiol. Meas.* 28 (2007), S1-S11.
+#[derive(Debug, Clone)]
+pub struct Difference {
+    reconstructor: Reconstructor,
+    pub(crate) spectrum: Spectrum,
+    report: Report,
+}
+
+impl Difference {
+    /// Computes the reconstruction of a linearisation.
+    ///
+    /// `jacobian` is `[measurement, element]`, volts per siemens (per square), in protocol order.
+    ///
+    /// # Errors
+    /// A Jacobian that is empty, not finite or zero; settings of the wrong length or range; a
+    /// prior of another mesh.
+    pub fn new(
+        jacobian: &ArrayRef2<f64>,
+        prior: &dyn Prior,
+        settings: DifferenceSettings,
+    ) -> Result<Self, InverseError> {
+        let (measurements, elements) = jacobian.dim();
+        if measurements == 0 || elements == 0 {
+            return Err(InverseError::EmptyJacobian { measurements, elements });
+        }
+        check_positive("hyperparameter", settings.hyperparameter)?;
+        let channels = settings.channels(measurements)?;
+        let start = Instant::now();
+        let weighted = weighted_rows(jacobian, &channels)?;
+        let used = channels.used.len();
+        let covariance = covariance_times(prior, &weighted, elements)?;
+        let prior_s = start.elapsed().as_secs_f64();
+
+        let start = Instant::now();
+        let covariance = MatRef::from_row_major_slice(&covariance, used, elements);
+        let jacobian = MatRef::from_row_major_slice(&weighted, used, elements);
+        let spectrum = Spectrum::new(jacobian, covariance, prior.name())?;
+        let spectrum_s = start.elapsed().as_secs_f64();
+
+        let start = Instant::now();
+        let image_basis = product(covariance.transpose(), spectrum.vectors.as_ref());
+        let basis_s = start.elapsed().as_secs_f64();
+        let times = [prior_s, spectrum_s, basis_s];
+        Ok(Self::assemble(
+            prior.name(),
+            channels,
+            spectrum,
+            image_basis,
+            settings.hyperparameter,
+            times,
+        ))
+    }
+
+    /// The same reconstruction without some of its measurements, for example where the instrument
+    /// flags a channel: equal to [`Difference::new`] with `used`, but from the spectrum alone.
+    ///
+    /// Costs `m r^2 + 2 n r^2` flops; the prior is not needed again. `used` is `[measurement]`.
+    /// Measurements left out before cannot come back; keep the full reconstruction for that. The
+    /// hyperparameter stays. For a few bad values in single frames
+    /// [`Reconstructor::reconstruct_without_into`] is far cheaper.
+    ///
+    /// # Errors
+    /// Wrong length, nothing left, [`InverseError::NotAvailable`].
+    pub fn restricted_to(&self, used: &[bool]) -> Result<Self, InverseError> {
+        let (channels, kept) = self.reconstructor.channels.restrict(used)?;
+        let start = Instant::now();
+        let spectrum = Spectrum::from_factor(self.spectrum.factor_of(&kept).as_ref())?;
+        // P J' W^1/2 of the kept measurements is B U' of their rows
+        let rows = Mat::from_fn(kept.len(), self.spectrum.values.len(), |i, k| {
+            self.spectrum.vectors[(kept[i], k)]
+        });
+        let spectrum_s = start.elapsed().as_secs_f64();
+        let start = Instant::now();
+        let turn = rows.transpose() * &spectrum.vectors;
+        let image_basis = product(self.reconstructor.image_rows(), turn.as_ref());
+        let times = [0.0, spectrum_s, start.elapsed().as_secs_f64()];
+        let Report { prior, hyperparameter, .. } = self.report;
+        Ok(Self::assemble(prior, channels, spectrum, image_basis, hyperparameter, times))
+    }
+
+    fn assemble(
+        prior: &'static str,
+        channels: Channels,
+        spectrum: Spectrum,
+        image_basis: Vec<f64>,
+        hyperparameter: f64,
+        times_s: [f64; 3],
+    ) -> Self {
+        let rank = spectrum.values.len();
+        let report = Report {
+            prior,
+            measurements: channels.count,
+            measurements_used: channels.used.len(),
+            elements: image_basis.len() / rank,
+            rank,
+            condition: spectrum.values[0] / spectrum.values[rank - 1],
+            scale: spectrum.scale,
+            noise_scale: channels.noise_scale,
+            hyperparameter,
+            hyperparameter_status: HyperparameterStatus::Given,
+            degrees_of_freedom: spectrum.degrees_of_freedom(hyperparameter),
+            prior_s: times_s[0],
+            spectrum_s: times_s[1],
+            basis_s: times_s[2],
+        };
+        let reconstructor = Reconstructor::new(channels, image_basis, &spectrum, hyperparameter);
+        Self { reconstructor, spectrum, report }
+    }
+
+    /// What this reconstruction is and what it cost.
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// Sets lambda; everything else stays. Costs `r m` multiplications.
+    ///
+    /// # Errors
+    /// [`InverseError::OutOfRange`] unless finite and above zero.
+    pub fn set_hyperparameter(&mut self, hyperparameter: f64) -> Result<(), InverseError> {
+        check_positive("hyperparameter", hyperparameter)?;
+        self.apply(hyperparameter, HyperparameterStatus::Given);
+        Ok(())
+    }
+
+    /// Sets lambda so that the prior is that of another reconstruction by it: `lambda^2 s` is the
+    /// same in units of the noise, and with it the variance that an image is expected to have.
+    ///
+    /// For other data of the same skin, such as those that
+    /// [`NuisanceParameters`](crate::NuisanceParameters) leave. Their scale `s` is another, and
+    /// their noise figure is no measure: they have lost signal, so that an image as noisy as they
+    /// are is noisier than one of the data as they came.
+    ///
+    /// # Errors
+    /// As [`set_hyperparameter`](Self::set_hyperparameter).
+    pub fn set_prior_of(&mut self, other: &Self) -> Result<(), InverseError> {
+        let unit = |report: &Report| report.scale / report.noise_scale.unwrap_or(1.0).powi(2);
+        let ratio = unit(&other.report) / unit(&self.report);
+        self.set_hyperparameter(other.report.hyperparameter * ratio.sqrt())
+    }
+
+    /// Chooses lambda by a rule and sets it.
+    ///
+    /// # Errors
+    /// Data or areas of the wrong length; [`InverseError::NoDifference`] without data.
+    pub fn choose_hyperparameter(
+        &mut self,
+        choice: &HyperparameterChoice<'_>,
+    ) -> Result<Chosen, InverseError> {
+        let chosen = choice.evaluate(&self.reconstructor, &self.spectrum)?;
+        self.apply(chosen.hyperparameter, chosen.status);
+        Ok(chosen)
+    }
+
+    fn apply(&mut self, hyperparameter: f64, status: HyperparameterStatus) {
+        self.reconstructor.set_hyperparameter(&self.spectrum, hyperparameter);
+        self.report.hyperparameter = hyperparameter;
+        self.report.hyperparameter_status = status;
+        self.report.degrees_of_freedom = self.spectrum.degrees_of_freedom(hyperparameter);
+    }
+
+    /// The map from frames to element images alone.
+    pub fn reconstructor(&self) -> &Reconstructor {
+        &self.reconstructor
+    }
+
+    /// The map from frames straight to pixels, through `pixel_from_element` `[pixel, element]` of a
+    /// raster (`eit_mesh::Raster::pixel_from_element`). The hyperparameter is the present one.
+    ///
+    /// A frame then costs `2 r (m + pixels)` flops: no image on elements is formed.
+    ///
+    /// # Errors
+    /// [`InverseError::WrongLength`] for the raster of another mesh.
+    pub fn on_raster(&self, pixel_from_element: &CsrMatrix) -> Result<Reconstructor, InverseError> {
+        self.reconstructor.followed_by(pixel_from_element)
+    }
+
+    /// See [`Reconstructor::workspace`].
+    pub fn workspace(&self) -> Workspace {
+        self.reconstructor.workspace()
+    }
+
+    /// See [`Reconstructor::reconstruct`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn reconstruct(
+        &self,
+        frame: &[f64],
+        reference_frame: &[f64],
+    ) -> Result<Array1<f64>, InverseError> {
+        self.reconstructor.reconstruct(frame, reference_frame)
+    }
+
+    /// See [`Reconstructor::reconstruct_into`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn reconstruct_into(
+        &self,
+        frame: &[f64],
+        reference_frame: &[f64],
+        workspace: &mut Workspace,
+        image: &mut [f64],
+    ) -> Result<FrameStatus, InverseError> {
+        self.reconstructor.reconstruct_into(frame, reference_frame, workspace, image)
+    }
+
+    /// See [`Reconstructor::reconstruct_frames`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn reconstruct_frames(
+        &self,
+        frames: ArrayView2<'_, f64>,
+        reference_frame: &[f64],
+    ) -> Result<Array2<f64>, InverseError> {
+        self.reconstructor.reconstruct_frames(frames, reference_frame)
+    }
+
+    /// See [`Reconstructor::reconstruction_matrix`].
+    pub fn reconstruction_matrix(&self) -> Array2<f64> {
+        self.reconstructor.reconstruction_matrix()
+    }
+
+    /// What the image leaves unexplained: `|dv - J dsigma|_W / |dv|_W`, between 0 and 1.
+    ///
+    /// From the spectrum, `O(r m)`. `None` where frame and reference frame are equal in all used
+    /// measurements: there is nothing to explain.
+    ///
+    /// # Errors
+    /// As [`Reconstructor::difference`].
+    pub fn relative_residual(
+        &self,
+        frame: &[f64],
+        reference_frame: &[f64],
+    ) -> Result<Option<f64>, InverseError> {
+        let difference = self.reconstructor.difference(frame, reference_frame)?;
+        let largest = difference.iter().fold(0.0_f64, |m, dv| m.max(dv.abs()));
+        if largest == 0.0 {
+            return Ok(None);
+        }
+        // relative to the largest, so that no square leaves the range of doubles
+        let weights = &self.reconstructor.channels.root_weights;
+        let whitened: Vec<f64> =
+            difference.iter().zip(weights).map(|(dv, w)| dv / largest * w).collect();
+        let data = ColRef::from_slice(&whitened).as_mat();
+        let parts = self.spectrum.decompose(data);
+        let norm = parts.squared_norm();
+        let residual = parts.squared_residual(&self.spectrum, self.report.hyperparameter);
+        Ok(Some((residual / norm).sqrt()))
+    }
+}
+
+/// `a b`, row-major.
+fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Vec<f64> {
+    let (rows, columns) = (a.nrows(), b.ncols());
+    let mut values = vec![0.0; rows * columns];
+    let target = MatMut::from_row_major_slice_mut(&mut values, rows, columns);
+    matmul(target, Accum::Replace, a, b, 1.0, Par::Seq);
+    values
+}

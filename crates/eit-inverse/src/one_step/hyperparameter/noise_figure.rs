@@ -1,0 +1,166 @@
+//! Noise figure.
+
+use super::chosen::{Chosen, CurvePoint, HyperparameterStatus};
+use super::curve::curve;
+use crate::check::{check_length, check_positive};
+use crate::geometry::{distance_m, extent_m};
+use crate::one_step::spectrum::Spectrum;
+use crate::{InverseError, Reconstructor};
+use eit_mesh::Surface;
+use faer::{Col, ColRef};
+use ndarray::ArrayRef2;
+
+/// Radius of the central target in extents of the skin: small beside what EIT resolves.
+const TARGET_RADIUS: f64 = 0.05;
+
+/// Relative accuracy of the noise figure at which bisection ends.
+const ACCURACY: f64 = 1e-3;
+
+/// Halvings of log lambda at most; 60 exhaust the digits of any bracket.
+const MAX_HALVINGS: usize = 60;
+
+/// A small target: what the noise figure measures the signal of.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NoiseTarget {
+    /// Change of each measurement by the target, volts, `[measurement]`.
+    pub signal_v: Vec<f64>,
+    /// Element areas, square metres, `[element]`.
+    pub areas_m2: Vec<f64>,
+}
+
+impl NoiseTarget {
+    /// A target of 1 S in the elements within 5 % of the skin's extent of its middle (the area
+    /// centroid; of a ring-shaped skin the place on it that is nearest), through the Jacobian
+    /// `[measurement, element]`. Its size cancels.
+    ///
+    /// # Errors
+    /// [`InverseError::WrongLength`] when the Jacobian is of another mesh.
+    pub fn central(surface: &Surface, jacobian: &ArrayRef2<f64>) -> Result<Self, InverseError> {
+        let areas_m2 = surface.areas_m2().to_vec();
+        check_length("Jacobian columns", jacobian.ncols(), areas_m2.len())?;
+        let centroids = surface.centroids();
+        let total: f64 = areas_m2.iter().sum();
+        let middle: [f64; 3] = std::array::from_fn(|k| {
+            centroids.iter().zip(&areas_m2).map(|(c, a)| c[k] * a).sum::<f64>() / total
+        });
+        let nearest = centroids
+            .iter()
+            .copied()
+            .min_by(|a, b| distance_m(*a, middle).total_cmp(&distance_m(*b, middle)))
+            .unwrap_or(middle);
+        let centre = if distance_m(nearest, middle) > TARGET_RADIUS * extent_m(surface) {
+            nearest
+        } else {
+            middle
+        };
+        let radius_m = (TARGET_RADIUS * extent_m(surface)).max(distance_m(nearest, centre));
+        let inside: Vec<usize> = (0..centroids.len())
+            .filter(|&e| distance_m(centroids[e], centre) <= radius_m)
+            .collect();
+        let signal_v =
+            jacobian.rows().into_iter().map(|row| inside.iter().map(|&e| row[e]).sum()).collect();
+        Ok(Self { signal_v, areas_m2 })
+    }
+}
+
+pub(super) fn choose(
+    reconstructor: &Reconstructor,
+    spectrum: &Spectrum,
+    figure: f64,
+    target: &NoiseTarget,
+) -> Result<Chosen, InverseError> {
+    check_positive("noise figure", figure)?;
+    let figure_of = NoiseFigure::new(reconstructor, spectrum, target)?;
+    let data = spectrum.decompose(figure_of.signal.as_mat());
+    let curve = curve(spectrum, &data, |h| figure_of.at(h));
+    let nearest = |a: &&CurvePoint, b: &&CurvePoint| {
+        let miss = |p: &CurvePoint| (p.criterion / figure).ln().abs();
+        miss(a).total_cmp(&miss(b))
+    };
+    // the falling branch only: beyond its least value the figure rises again, toward that of the
+    // matched filter; of several crossings the last, where the image is the most stable
+    let crossing =
+        curve.windows(2).rev().find(|w| w[0].criterion > figure && w[1].criterion <= figure);
+    let (hyperparameter, status) = match crossing {
+        Some(pair) => {
+            let bracket = [pair[0].hyperparameter, pair[1].hyperparameter];
+            (figure_of.bisect(figure, bracket), HyperparameterStatus::NoiseFigureReached)
+        }
+        None => {
+            let nearest = curve.iter().min_by(nearest).map_or(f64::NAN, |p| p.hyperparameter);
+            (nearest, HyperparameterStatus::NoiseFigureUnreachable)
+        }
+    };
+    Ok(Chosen { hyperparameter, status, criterion: figure_of.at(hyperparameter), curve })
+}
+
+/// The noise figure as a function of lambda.
+struct NoiseFigure<'a> {
+    reconstructor: &'a Reconstructor,
+    spectrum: &'a Spectrum,
+    /// Weighted signal `b = W^1/2 dv_t`, `[used measurement]`.
+    signal: Col<f64>,
+    /// `U' b`, `[rank]`.
+    coefficients: Col<f64>,
+    /// `area / total area`, `[element]`.
+    area_shares: Vec<f64>,
+    /// `sum area_share B_ek^2`, `[rank]`: the image noise that eigenvector k carries.
+    noise: Vec<f64>,
+}
+
+impl<'a> NoiseFigure<'a> {
+    fn new(
+        reconstructor: &'a Reconstructor,
+        spectrum: &'a Spectrum,
+        target: &NoiseTarget,
+    ) -> Result<Self, InverseError> {
+        let channels = &reconstructor.channels;
+        check_length("signal_v", target.signal_v.len(), channels.count)?;
+        check_length("areas_m2", target.areas_m2.len(), reconstructor.image_len())?;
+        let total: f64 = target.areas_m2.iter().sum();
+        check_positive("total area of areas_m2", total)?;
+        let area_shares: Vec<f64> = target.areas_m2.iter().map(|a| a / total).collect();
+        let signal = Col::from_fn(channels.used.len(), |k| {
+            channels.row_factor(k) * target.signal_v[channels.used[k]]
+        });
+        let coefficients = spectrum.vectors.transpose() * &signal;
+        let size = coefficients.norm_l2();
+        if !(size > 0.0 && size.is_finite()) {
+            return Err(InverseError::NoDifference { rule: "noise figure" });
+        }
+        let basis = reconstructor.image_rows();
+        let mut noise = vec![0.0; spectrum.values.len()];
+        for (e, share) in area_shares.iter().enumerate() {
+            noise.iter_mut().zip(basis.row(e).iter()).for_each(|(n, b)| *n += share * b * b);
+        }
+        Ok(Self { reconstructor, spectrum, signal, coefficients, area_shares, noise })
+    }
+
+    /// Noise figure at a lambda.
+    fn at(&self, hyperparameter: f64) -> f64 {
+        let filter = self.spectrum.filter(hyperparameter);
+        let noise: f64 = self.noise.iter().zip(&filter).map(|(n, f)| n * f * f).sum();
+        let filtered: Vec<f64> =
+            self.coefficients.iter().zip(&filter).map(|(c, f)| c * f).collect();
+        let image = self.reconstructor.image_rows() * ColRef::from_slice(&filtered);
+        let mean: f64 = image.iter().zip(&self.area_shares).map(|(x, a)| x.abs() * a).sum();
+        let signal = self.signal.norm_l1() / self.signal.nrows() as f64;
+        signal * noise.sqrt() / mean
+    }
+
+    /// Halves a bracket in log lambda until the figure is met.
+    fn bisect(&self, figure: f64, bracket: [f64; 2]) -> f64 {
+        let [mut low, mut high] = bracket.map(f64::ln);
+        let side = |log: f64| self.at(log.exp()) > figure;
+        let low_side = side(low);
+        let mut middle = 0.5 * (low + high);
+        for _ in 0..MAX_HALVINGS {
+            middle = 0.5 * (low + high);
+            if (self.at(middle.exp()) / figure - 1.0).abs() < ACCURACY {
+                break;
+            }
+            if side(middle) == low_side { low = middle } else { high = middle }
+        }
+        middle.exp()
+    }
+}

@@ -1,0 +1,368 @@
+//! Frames to images: the part that runs for every frame.
+//! Long because one type has every way from a frame to an image.
+
+use super::left_out::{Damping, LeftOut};
+use super::spectrum::Spectrum;
+use crate::InverseError;
+use crate::check::check_length;
+use crate::data::{Channels, FrameStatus};
+use eit_mesh::CsrMatrix;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};
+use ndarray::{Array1, Array2, ArrayView2};
+
+/// Scratch memory of one thread, so that a frame allocates nothing.
+#[derive(Debug, Clone)]
+pub struct Workspace {
+    difference: Vec<f64>,
+    coefficients: Vec<f64>,
+    left_out: LeftOut,
+}
+
+impl Workspace {
+    /// `C dv` of the last image that was computed, `[rank]`.
+    pub(crate) fn coefficients(&self) -> &[f64] {
+        &self.coefficients
+    }
+}
+
+/// A fixed linear map from frames to images on elements or pixels, `Send + Sync`.
+///
+/// Applied as two factors, `image = B (C dv)` with `B` `[image, rank]` and `C`
+/// `[rank, measurement]`. One frame costs `2 r (m + n)` flops and reads `8 r (m + n)` bytes once;
+/// the product `reconstruction_matrix * dv` costs `2 m n`. With reciprocal data `r <= m / 2`, so
+/// the factors halve the work. Both are bound by memory traffic (a quarter of a flop per byte): 208
+/// measurements and 2000 elements read 1.8 MB per frame.
+#[derive(Debug, Clone)]
+pub struct Reconstructor {
+    pub(crate) channels: Channels,
+    rank: usize,
+    image_len: usize,
+    /// `B`, row-major `[image, rank]`.
+    image_basis: Vec<f64>,
+    /// `C`, row-major `[rank, used measurement]`.
+    data_basis: Vec<f64>,
+    damping: Damping,
+}
+
+impl Reconstructor {
+    /// `image_basis` `[image, rank]` row-major.
+    pub(crate) fn new(
+        channels: Channels,
+        image_basis: Vec<f64>,
+        spectrum: &Spectrum,
+        hyperparameter: f64,
+    ) -> Self {
+        let rank = spectrum.values.len();
+        let image_len = image_basis.len() / rank.max(1);
+        let (data_basis, damping) = (Vec::new(), Damping::default());
+        let mut this = Self { channels, rank, image_len, image_basis, data_basis, damping };
+        this.set_hyperparameter(spectrum, hyperparameter);
+        this
+    }
+
+    /// `C = diag(1 / (d + mu)) U' W^1/2`.
+    pub(crate) fn set_hyperparameter(&mut self, spectrum: &Spectrum, hyperparameter: f64) {
+        self.data_basis.clear();
+        for (k, f) in spectrum.filter(hyperparameter).iter().enumerate() {
+            let weights = self.channels.root_weights.iter().enumerate();
+            self.data_basis.extend(weights.map(|(i, w)| f * spectrum.vectors[(i, k)] * w));
+        }
+        self.damping = Damping::new(spectrum, hyperparameter);
+    }
+
+    /// Measurements of the protocol: the length of a frame.
+    pub fn measurements(&self) -> usize {
+        self.channels.count
+    }
+
+    /// Length of an image: elements, or pixels after
+    /// [`on_raster`](crate::Difference::on_raster).
+    pub fn image_len(&self) -> usize {
+        self.image_len
+    }
+
+    /// Scratch memory for [`reconstruct_into`](Self::reconstruct_into) and its like.
+    pub fn workspace(&self) -> Workspace {
+        Workspace {
+            difference: vec![0.0; self.channels.used.len()],
+            coefficients: vec![0.0; self.rank],
+            left_out: LeftOut::default(),
+        }
+    }
+
+    /// The difference data of a frame as the reconstruction sees it, `[used measurement]`: volts
+    /// (plain) or dimensionless (normalised), unused measurements removed.
+    ///
+    /// # Errors
+    /// Wrong lengths, values that are not finite, zero references for normalised data.
+    pub fn difference(
+        &self,
+        frame: &[f64],
+        reference_frame: &[f64],
+    ) -> Result<Array1<f64>, InverseError> {
+        let mut difference = vec![0.0; self.channels.used.len()];
+        self.channels.difference_into(0, frame, reference_frame, &[], &mut difference)?;
+        Ok(difference.into())
+    }
+
+    /// The image of one frame, `[element]` or `[pixel]`: the change of sheet conductivity against
+    /// the reference frame, siemens per square, positive where the skin conducts better.
+    ///
+    /// # Errors
+    /// As [`difference`](Self::difference).
+    pub fn reconstruct(
+        &self,
+        frame: &[f64],
+        reference_frame: &[f64],
+    ) -> Result<Array1<f64>, InverseError> {
+        let mut image = vec![0.0; self.image_len];
+        self.reconstruct_into(frame, reference_frame, &mut self.workspace(), &mut image)?;
+        Ok(image.into())
+    }
+
+    /// [`reconstruct`](Self::reconstruct) into given memory; allocates nothing. A frame that equals
+    /// its reference costs its comparisons and no product.
+    ///
+    /// # Errors
+    /// As [`difference`](Self::difference); [`InverseError::WrongLength`] for an image or a
+    /// workspace of another reconstruction.
+    pub fn reconstruct_into(
+        &self,
+        frame: &[f64],
+        reference_frame: &[f64],
+        workspace: &mut Workspace,
+        image: &mut [f64],
+    ) -> Result<FrameStatus, InverseError> {
+        self.check_memory(workspace, image)?;
+        let Workspace { difference, coefficients, .. } = workspace;
+        let status = self.channels.difference_into(0, frame, reference_frame, &[], difference)?;
+        match status {
+            FrameStatus::Computed => {
+                self.to_coefficients(difference, coefficients);
+                self.to_image(coefficients, image);
+            }
+            FrameStatus::Unchanged => image.fill(0.0),
+        }
+        Ok(status)
+    }
+
+    /// The linear map alone, `image = RM dv`, from difference data `[used measurement]` as
+    /// [`difference`](Self::difference) returns it: for means of frames, or data that comes from
+    /// elsewhere. Allocates nothing.
+    ///
+    /// # Errors
+    /// [`InverseError::WrongLength`]; [`InverseError::NonFiniteData`] as of frame 0.
+    pub fn reconstruct_difference_into(
+        &self,
+        difference: &[f64],
+        workspace: &mut Workspace,
+        image: &mut [f64],
+    ) -> Result<FrameStatus, InverseError> {
+        self.check_memory(workspace, image)?;
+        let status = self.check_difference(difference)?;
+        match status {
+            FrameStatus::Computed => {
+                self.to_coefficients(difference, &mut workspace.coefficients);
+                self.to_image(&workspace.coefficients, image);
+            }
+            FrameStatus::Unchanged => image.fill(0.0),
+        }
+        Ok(status)
+    }
+
+    /// [`reconstruct_difference_into`](Self::reconstruct_difference_into) without the measurements
+    /// `bad` (protocol indices), as [`reconstruct_without_into`](Self::reconstruct_without_into)
+    /// leaves them out.
+    ///
+    /// # Errors
+    /// As both.
+    pub fn reconstruct_difference_without_into(
+        &self,
+        difference: &[f64],
+        bad: &[usize],
+        workspace: &mut Workspace,
+        image: &mut [f64],
+    ) -> Result<FrameStatus, InverseError> {
+        self.check_memory(workspace, image)?;
+        check_length("difference", difference.len(), self.channels.used.len())?;
+        workspace.left_out.choose(&self.channels, bad)?;
+        workspace.difference.copy_from_slice(difference);
+        workspace.left_out.indices.iter().for_each(|&k| workspace.difference[k] = 0.0);
+        let status = self.check_difference(&workspace.difference)?;
+        self.complete(status, workspace, image)?;
+        Ok(status)
+    }
+
+    /// Refuses difference data of a wrong length or not finite; says whether any of it is not zero.
+    fn check_difference(&self, difference: &[f64]) -> Result<FrameStatus, InverseError> {
+        check_length("difference", difference.len(), self.channels.used.len())?;
+        if let Some(k) = difference.iter().position(|dv| !dv.is_finite()) {
+            let (measurement, value) = (self.channels.used[k], difference[k]);
+            return Err(InverseError::NonFiniteData { frame: 0, measurement, value });
+        }
+        let unchanged = difference.iter().all(|dv| *dv == 0.0);
+        Ok(if unchanged { FrameStatus::Unchanged } else { FrameStatus::Computed })
+    }
+
+    /// [`reconstruct_into`](Self::reconstruct_into) without the measurements `bad` of this frame
+    /// (protocol indices, 0-based, in any order, repeated or not; unused ones change nothing).
+    /// Their values in frame and reference frame are never looked at: they may be NaN.
+    ///
+    /// Equal, up to rounding, to a reconstruction built without them at the same weight of the
+    /// prior `mu = lambda^2 s`, not at the same lambda, since the scale `s` is a mean over the used
+    /// measurements: [`Difference::restricted_to`](crate::Difference::restricted_to) gives the same
+    /// image at the lambda times `sqrt(s / s')`, with its own scale `s'`. So a frame with a failed
+    /// channel has the smoothness and the amplitude of its neighbours.
+    ///
+    /// For `k` bad ones costs `k^2 r + k^3 / 3` flops beside the frame's own: nothing to speak of
+    /// for a handful, half a frame more for one electrode of 16. Memory for it (`k^2 + k r` values)
+    /// is kept in the workspace: it allocates where a set is larger than any before.
+    ///
+    /// # Errors
+    /// As [`reconstruct_into`](Self::reconstruct_into); [`InverseError::UnknownMeasurement`];
+    /// [`InverseError::NothingUsed`]; [`InverseError::LeftOutDominates`] for a hyperparameter so
+    /// small that an error above 1e-6 of the image is to be expected from rounding (1e-5 and below
+    /// for one electrode of 16; the worst let through of 20 000 random problems was off by 9e-6),
+    /// unless what is left equals the reference: that image is zero for any hyperparameter.
+    pub fn reconstruct_without_into(
+        &self,
+        frame: &[f64],
+        reference_frame: &[f64],
+        bad: &[usize],
+        workspace: &mut Workspace,
+        image: &mut [f64],
+    ) -> Result<FrameStatus, InverseError> {
+        self.check_memory(workspace, image)?;
+        let Workspace { difference, left_out, .. } = workspace;
+        left_out.choose(&self.channels, bad)?;
+        let indices = &left_out.indices;
+        let status =
+            self.channels.difference_into(0, frame, reference_frame, indices, difference)?;
+        self.complete(status, workspace, image)?;
+        Ok(status)
+    }
+
+    /// The image of the workspace's difference, which is zero where it is left out.
+    fn complete(
+        &self,
+        status: FrameStatus,
+        workspace: &mut Workspace,
+        image: &mut [f64],
+    ) -> Result<(), InverseError> {
+        let Workspace { difference, coefficients, left_out } = workspace;
+        if status == FrameStatus::Unchanged {
+            // whatever is filled in, nothing speaks against zero
+            image.fill(0.0);
+            return Ok(());
+        }
+        self.to_coefficients(difference, coefficients);
+        let root_weights = &self.channels.root_weights;
+        left_out.complete(self.data_rows(), root_weights, &self.damping, coefficients)?;
+        self.to_image(coefficients, image);
+        Ok(())
+    }
+
+    fn check_memory(&self, workspace: &Workspace, image: &[f64]) -> Result<(), InverseError> {
+        check_length("image", image.len(), self.image_len)?;
+        check_length("workspace", workspace.difference.len(), self.channels.used.len())?;
+        check_length("workspace", workspace.coefficients.len(), self.rank)
+    }
+
+    /// `C dv`.
+    fn to_coefficients(&self, difference: &[f64], coefficients: &mut [f64]) {
+        let (dv, c) = (ColRef::from_slice(difference), ColMut::from_slice_mut(coefficients));
+        matmul(c, Accum::Replace, self.data_rows(), dv, 1.0, Par::Seq);
+    }
+
+    /// `B c`.
+    fn to_image(&self, coefficients: &[f64], image: &mut [f64]) {
+        let (c, image) = (ColRef::from_slice(coefficients), ColMut::from_slice_mut(image));
+        matmul(image, Accum::Replace, self.image_rows(), c, 1.0, Par::Seq);
+    }
+
+    /// Images of many frames at once, `[frame, element]` or `[frame, pixel]`, from frames
+    /// `[frame, measurement]`.
+    ///
+    /// Matrix products instead of matrix times vector: the factors are read once per block of
+    /// frames, not once per frame.
+    ///
+    /// # Errors
+    /// As [`difference`](Self::difference); the frame is named.
+    pub fn reconstruct_frames(
+        &self,
+        frames: ArrayView2<'_, f64>,
+        reference_frame: &[f64],
+    ) -> Result<Array2<f64>, InverseError> {
+        let difference = self.differences(frames, reference_frame)?;
+        let count = frames.nrows();
+        let coefficients = self.data_rows() * &difference;
+        let mut images = Array2::zeros((count, self.image_len));
+        if let Some(values) = images.as_slice_mut() {
+            let images = MatMut::from_column_major_slice_mut(values, self.image_len, count);
+            matmul(images, Accum::Replace, self.image_rows(), &coefficients, 1.0, Par::Seq);
+        }
+        Ok(images)
+    }
+
+    /// Difference data of frames, `[used measurement, frame]`.
+    pub(crate) fn differences(
+        &self,
+        frames: ArrayView2<'_, f64>,
+        reference_frame: &[f64],
+    ) -> Result<Mat<f64>, InverseError> {
+        check_length("columns of frames", frames.ncols(), self.channels.count)?;
+        let mut difference = Mat::zeros(self.channels.used.len(), frames.nrows());
+        let mut frame = Vec::with_capacity(frames.ncols());
+        let mut dv = vec![0.0; self.channels.used.len()];
+        for (index, row) in frames.rows().into_iter().enumerate() {
+            frame.clear();
+            frame.extend(row);
+            self.channels.difference_into(index, &frame, reference_frame, &[], &mut dv)?;
+            difference.col_mut(index).copy_from(ColRef::from_slice(&dv));
+        }
+        Ok(difference)
+    }
+
+    /// The reconstruction matrix `RM = B C`, `[image, measurement]`, so that `image = RM dv`.
+    ///
+    /// Columns of unused measurements are zero. Formed on each call (`2 n m r` flops).
+    pub fn reconstruction_matrix(&self) -> Array2<f64> {
+        let product = self.image_rows() * self.data_rows();
+        let mut matrix = Array2::zeros((self.image_len, self.channels.count));
+        for (k, &measurement) in self.channels.used.iter().enumerate() {
+            (0..self.image_len).for_each(|e| matrix[(e, measurement)] = product[(e, k)]);
+        }
+        matrix
+    }
+
+    /// `B` as a matrix.
+    pub(crate) fn image_rows(&self) -> MatRef<'_, f64> {
+        MatRef::from_row_major_slice(&self.image_basis, self.image_len, self.rank)
+    }
+
+    fn data_rows(&self) -> MatRef<'_, f64> {
+        MatRef::from_row_major_slice(&self.data_basis, self.rank, self.channels.used.len())
+    }
+
+    /// The same map followed by a sparse one, `[pixel, element]`.
+    pub(crate) fn followed_by(&self, pixel_from_element: &CsrMatrix) -> Result<Self, InverseError> {
+        check_length(
+            "columns of pixel_from_element",
+            pixel_from_element.columns(),
+            self.image_len,
+        )?;
+        let (pixels, rank) = (pixel_from_element.rows(), self.rank);
+        let mut image_basis = vec![0.0; pixels * rank];
+        for (pixel, sum) in image_basis.chunks_exact_mut(rank).enumerate() {
+            let (elements, weights) = pixel_from_element.row(pixel);
+            for (&e, weight) in elements.iter().zip(weights) {
+                let row = &self.image_basis[e as usize * rank..][..rank];
+                sum.iter_mut().zip(row).for_each(|(s, b)| *s += weight * b);
+            }
+        }
+        let (channels, data_basis) = (self.channels.clone(), self.data_basis.clone());
+        let damping = self.damping.clone();
+        Ok(Self { channels, rank, image_len: pixels, image_basis, data_basis, damping })
+    }
+}

@@ -1,0 +1,84 @@
+//! Frame after frame, each from the one before.
+
+use super::step::FrameData;
+use super::{AbsoluteFrameReport, AbsoluteGaussNewton, dot};
+use crate::sequence::modes::whiten;
+use crate::{
+    Differences, ImageSequence, InverseError, SequenceReport, SequenceSolver, SequenceStatus,
+};
+use ndarray::Array2;
+use std::time::Instant;
+
+impl AbsoluteGaussNewton<'_> {
+    /// `W^1/2 dv` of a frame and its masked indices.
+    fn whiten(
+        &self,
+        frames: &Differences<'_>,
+        t: usize,
+    ) -> Result<(Vec<f64>, Vec<usize>), InverseError> {
+        let mut whitened = vec![0.0; self.channels.used.len()];
+        let mut masked = Vec::new();
+        let values = frames.values.row(t);
+        let good = |i: usize| frames.is_good(t, i);
+        whiten(&self.channels, t, |i| values[i], good, &mut whitened, &mut masked)?;
+        Ok((whitened, masked))
+    }
+}
+
+impl SequenceSolver for AbsoluteGaussNewton<'_> {
+    fn name(&self) -> &'static str {
+        "gauss-newton-absolute"
+    }
+
+    /// `report.residual` is that of the model itself, `|W^1/2 (F(sigma) - F(sigma_ref) - dv)|`, and
+    /// `report.iterations` the sum over all frames; `report.status` the worst of any frame.
+    ///
+    /// # Errors
+    /// Besides those of the trait, what [`AbsoluteGaussNewton::new`] says of prior and model.
+    fn reconstruct_sequence(
+        &mut self,
+        frames: &Differences<'_>,
+    ) -> Result<ImageSequence, InverseError> {
+        let start = Instant::now();
+        frames.check_shape(self.channels.count)?;
+        self.reports.clear();
+        let count = frames.values.nrows();
+        let mut images = Array2::zeros((count, self.map.len()));
+        let mut residual = Vec::with_capacity(count);
+        let unit = self.channels.noise_scale.unwrap_or(1.0);
+        let mut before = None;
+        for (t, mut image) in images.rows_mut().into_iter().enumerate() {
+            let (whitened, masked) = self.whiten(frames, t)?;
+            let data = FrameData { whitened: &whitened, masked: &masked };
+            let (point, report) = self.frame(before.as_ref(), &data)?;
+            for ((value, s), reference) in
+                image.iter_mut().zip(self.conductivity(&point.x)).zip(&self.reference_s)
+            {
+                *value = s - reference;
+            }
+            residual.push(dot(&point.residual, &point.residual).sqrt() / unit);
+            self.reports.push(report);
+            if masked.len() < self.channels.used.len() {
+                before = Some(point);
+            }
+        }
+        let report = SequenceReport {
+            method: self.name(),
+            status: worst(&self.reports),
+            iterations: self.reports.iter().map(|report| report.iterations).sum(),
+            seconds: start.elapsed().as_secs_f64(),
+            residual,
+            certificate: None,
+            trace: Vec::new(),
+        };
+        Ok(ImageSequence { images, report })
+    }
+}
+
+fn worst(reports: &[AbsoluteFrameReport]) -> SequenceStatus {
+    let any = |status| reports.iter().any(|report| report.status == status);
+    [SequenceStatus::Stalled, SequenceStatus::IterationCap]
+        .into_iter()
+        .find(|&status| any(status))
+        .unwrap_or(SequenceStatus::Converged)
+}

@@ -1,0 +1,187 @@
+//! The linear problem in the eigenvectors of its whitened covariance, where it falls apart into
+//! scalar problems.
+//!
+//! ```text
+//! b = W^1/2 dv,   W^1/2 J dsigma ~ N(0, A),   A = W^1/2 J P J' W^1/2 = U D U',   noise ~ N(0, mu I)
+//! a = D^-1/2 U' W^1/2 J dsigma ~ N(0, I)      the amplitudes of an image, [rank]
+//! E[dsigma | a] = P J' W^1/2 U D^-1/2 a = B D^-1/2 a
+//! ```
+//!
+//! with `mu = lambda^2 s`, see [`Difference`](crate::Difference). A covariance of the sequence `K
+//! (x) P` keeps this form with `K` between the frames of every amplitude; what the measurements do
+//! not see of an image is independent of the amplitudes and stays zero. Source: Adler, Dai,
+//! Lionheart, *Physiol. Meas.* 28 (2007), S1-S11, whose `K (x) P` this is.
+
+use crate::check::check_positive;
+use crate::data::Channels;
+use crate::one_step::Spectrum;
+use crate::one_step::{covariance_times, weighted_rows};
+use crate::{DifferenceSettings, Differences, InverseError, Prior};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};
+use ndarray::{Array2, ArrayRef2};
+
+/// A whitened linear problem and its eigen-expansion.
+#[derive(Debug, Clone)]
+pub(super) struct Modes {
+    pub(super) channels: Channels,
+    /// `U`, `[used measurement, rank]`.
+    pub(super) vectors: Mat<f64>,
+    /// Diagonal of `D^1/2`, `[rank]`.
+    pub(super) gains: Vec<f64>,
+    /// `mu = lambda^2 s`.
+    pub(super) noise_variance: f64,
+    /// `B = P J' W^1/2 U`, `[element, rank]`.
+    image_basis: Mat<f64>,
+}
+
+impl Modes {
+    /// `m^2 n + m r^2 + 2 m n r` flops beside the prior's `J P`.
+    pub(super) fn new(
+        jacobian: &ArrayRef2<f64>,
+        prior: &dyn Prior,
+        settings: &DifferenceSettings,
+    ) -> Result<Self, InverseError> {
+        let (measurements, elements) = jacobian.dim();
+        if measurements == 0 || elements == 0 {
+            return Err(InverseError::EmptyJacobian { measurements, elements });
+        }
+        check_positive("hyperparameter", settings.hyperparameter)?;
+        let channels = settings.channels(measurements)?;
+        let used = channels.used.len();
+        let weighted = weighted_rows(jacobian, &channels)?;
+        let covariance = covariance_times(prior, &weighted, elements)?;
+        let covariance = MatRef::from_row_major_slice(&covariance, used, elements);
+        let jacobian = MatRef::from_row_major_slice(&weighted, used, elements);
+        let spectrum = Spectrum::new(jacobian, covariance, prior.name())?;
+        let noise_variance = spectrum.damping(settings.hyperparameter);
+        check_positive("square of the hyperparameter times s", noise_variance)?;
+        Ok(Self {
+            noise_variance,
+            gains: spectrum.values.iter().map(|d| d.sqrt()).collect(),
+            image_basis: covariance.transpose() * &spectrum.vectors,
+            vectors: spectrum.vectors,
+            channels,
+        })
+    }
+
+    pub(super) fn rank(&self) -> usize {
+        self.gains.len()
+    }
+
+    pub(super) fn elements(&self) -> usize {
+        self.image_basis.nrows()
+    }
+
+    /// [`whiten`] of a sequence: `[used, frame]`, and the masked indices of each
+    /// frame.
+    pub(super) fn whiten_all(
+        &self,
+        frames: &Differences<'_>,
+    ) -> Result<(Mat<f64>, Vec<Vec<usize>>), InverseError> {
+        frames.check_shape(self.channels.count)?;
+        let count = frames.values.nrows();
+        let mut whitened = Mat::zeros(self.channels.used.len(), count);
+        let mut masked = vec![Vec::new(); count];
+        for (t, masked) in masked.iter_mut().enumerate() {
+            let values = frames.values.row(t);
+            let column = whitened.col_as_slice_mut(t);
+            whiten(&self.channels, t, |i| values[i], |i| frames.is_good(t, i), column, masked)?;
+        }
+        Ok((whitened, masked))
+    }
+
+    /// `U' b`, `[rank]`.
+    pub(super) fn project(&self, whitened: &[f64], coefficients: &mut [f64]) {
+        let (b, c) = (ColRef::from_slice(whitened), ColMut::from_slice_mut(coefficients));
+        matmul(c, Accum::Replace, self.vectors.transpose(), b, 1.0, Par::Seq);
+    }
+
+    /// `B D^-1/2 a` of one frame; `amplitudes` are divided by the gains in place.
+    pub(super) fn image(&self, amplitudes: &mut [f64], image: &mut [f64]) {
+        amplitudes.iter_mut().zip(&self.gains).for_each(|(a, gain)| *a /= gain);
+        let (c, image) = (ColRef::from_slice(amplitudes), ColMut::from_slice_mut(image));
+        matmul(image, Accum::Replace, &self.image_basis, c, 1.0, Par::Seq);
+    }
+
+    /// Images `[frame, element]` of amplitudes `[rank, frame]`.
+    pub(super) fn images(&self, amplitudes: &Mat<f64>) -> Array2<f64> {
+        let coefficients = Mat::from_fn(self.rank(), amplitudes.ncols(), |k, t| {
+            amplitudes[(k, t)] / self.gains[k]
+        });
+        let mut images = Array2::zeros((amplitudes.ncols(), self.elements()));
+        if let Some(values) = images.as_slice_mut() {
+            let images =
+                MatMut::from_column_major_slice_mut(values, self.elements(), amplitudes.ncols());
+            matmul(images, Accum::Replace, &self.image_basis, &coefficients, 1.0, Par::Seq);
+        }
+        images
+    }
+
+    /// `|W^1/2 (J dsigma_t - dv_t)|` over the channels that are not masked, `[frame]`: standard
+    /// deviations where `noise_std` is given. `W^1/2 J dsigma = U D^1/2 a`.
+    pub(super) fn residuals(
+        &self,
+        amplitudes: &Mat<f64>,
+        whitened: &Mat<f64>,
+        masked: &[Vec<usize>],
+    ) -> Vec<f64> {
+        let scaled = Mat::from_fn(self.rank(), amplitudes.ncols(), |k, t| {
+            amplitudes[(k, t)] * self.gains[k]
+        });
+        let mut misfit = &self.vectors * &scaled - whitened;
+        for (t, masked) in masked.iter().enumerate() {
+            masked.iter().for_each(|&k| misfit[(k, t)] = 0.0);
+        }
+        let unit = self.channels.noise_scale.unwrap_or(1.0);
+        misfit.col_iter().map(|column| column.norm_l2() / unit).collect()
+    }
+
+    /// The same problem, at the same `mu`, without the measurements `masked`; the data of
+    /// the result has only the others, in their order. `m r^2 + 2 n r^2` flops.
+    pub(super) fn without(&self, masked: &[usize]) -> Result<(Self, Vec<usize>), InverseError> {
+        let mut used = vec![false; self.channels.count];
+        self.channels.used.iter().for_each(|&i| used[i] = true);
+        masked.iter().for_each(|&k| used[self.channels.used[k]] = false);
+        let (channels, kept) = self.channels.restrict(&used)?;
+        let factor = Mat::from_fn(kept.len(), self.rank(), |i, k| {
+            self.vectors[(kept[i], k)] * self.gains[k]
+        });
+        let spectrum = Spectrum::from_factor(factor.as_ref())?;
+        // P J' W^1/2 of the kept measurements is B U' of their rows
+        let rows = Mat::from_fn(kept.len(), self.rank(), |i, k| self.vectors[(kept[i], k)]);
+        let image_basis = &self.image_basis * (rows.transpose() * &spectrum.vectors);
+        let gains = spectrum.values.iter().map(|d| d.sqrt()).collect();
+        let noise_variance = self.noise_variance;
+        let modes =
+            Self { channels, vectors: spectrum.vectors, gains, noise_variance, image_basis };
+        Ok((modes, kept))
+    }
+}
+
+/// `b = W^1/2 dv` of one frame into `whitened` `[used]`, zero where `good` is false; the indices of
+/// those into `masked`, ascending. Unused measurements and masked ones are not looked at.
+pub(super) fn whiten(
+    channels: &Channels,
+    frame: usize,
+    value_of: impl Fn(usize) -> f64,
+    good: impl Fn(usize) -> bool,
+    whitened: &mut [f64],
+    masked: &mut Vec<usize>,
+) -> Result<(), InverseError> {
+    masked.clear();
+    let rows = channels.used.iter().zip(&channels.root_weights);
+    for (k, (b, (&measurement, weight))) in whitened.iter_mut().zip(rows).enumerate() {
+        if !good(measurement) {
+            masked.push(k);
+            *b = 0.0;
+            continue;
+        }
+        let value = value_of(measurement);
+        *b = weight * value;
+        if !b.is_finite() {
+            return Err(InverseError::NonFiniteData { frame, measurement, value });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,100 @@
+//! One-step Gauss-Newton, frame by frame.
+
+use crate::{
+    Difference, Differences, FrameStatus, ImageSequence, InverseError, SequenceReport,
+    SequenceSolver, SequenceStatus, Workspace,
+};
+use faer::Col;
+use ndarray::Array2;
+use std::time::Instant;
+
+/// Memory of one frame.
+struct Scratch {
+    workspace: Workspace,
+    /// Difference data of the used measurements.
+    difference: Vec<f64>,
+    /// Masked measurements of the protocol.
+    bad: Vec<usize>,
+}
+
+impl Difference {
+    /// The image of a frame; returns `|W^1/2 (J dsigma - dv)|` over good channels.
+    fn frame(
+        &self,
+        frames: &Differences<'_>,
+        t: usize,
+        scratch: &mut Scratch,
+        image: &mut [f64],
+    ) -> Result<f64, InverseError> {
+        let Scratch { workspace, difference, bad } = scratch;
+        let (row, map) = (frames.values.row(t), self.reconstructor());
+        let channels = &map.channels;
+        bad.clear();
+        bad.extend(channels.used.iter().filter(|&&i| !frames.is_good(t, i)));
+        if bad.len() == channels.used.len() {
+            image.fill(0.0);
+            return Ok(0.0);
+        }
+        difference.clear();
+        difference.extend(channels.used.iter().map(|&i| row[i]));
+        let result = map.reconstruct_difference_without_into(difference, bad, workspace, image);
+        // the reconstruction of one frame knows no other
+        let status = result.map_err(|error| match error {
+            InverseError::NonFiniteData { measurement, value, .. } => {
+                InverseError::NonFiniteData { frame: t, measurement, value }
+            }
+            other => other,
+        })?;
+        let predicted = match status {
+            FrameStatus::Computed => self.spectrum.predicted(workspace.coefficients()),
+            FrameStatus::Unchanged => Col::zeros(difference.len()),
+        };
+        let square = |k: usize| (predicted[k] - channels.root_weights[k] * difference[k]).powi(2);
+        let good = (0..channels.used.len()).filter(|&k| frames.is_good(t, channels.used[k]));
+        Ok(good.map(square).sum::<f64>().sqrt() / channels.noise_scale.unwrap_or(1.0))
+    }
+}
+
+/// [`Difference`] on every frame of a sequence, none knowing of the others.
+///
+/// Images are `[frame, element]`, siemens (per square). Channels that are masked in a frame are left
+/// out of it exactly ([`Reconstructor::reconstruct_without_into`]); a frame without a good channel
+/// gets the image zero, which is the prior's. `2 r (m + n)` flops a frame, and `2 m r` for the
+/// residual, which the eigen-expansion gives without the Jacobian.
+///
+/// [`Reconstructor::reconstruct_without_into`]: crate::Reconstructor::reconstruct_without_into
+impl SequenceSolver for Difference {
+    fn name(&self) -> &'static str {
+        "one-step"
+    }
+
+    /// # Errors
+    /// Besides those of the trait, [`InverseError::LeftOutDominates`] where lambda is too small to
+    /// leave the masked channels out.
+    fn reconstruct_sequence(
+        &mut self,
+        frames: &Differences<'_>,
+    ) -> Result<ImageSequence, InverseError> {
+        let start = Instant::now();
+        frames.check_shape(self.reconstructor().measurements())?;
+        let workspace = self.workspace();
+        let mut scratch = Scratch { workspace, difference: Vec::new(), bad: Vec::new() };
+        let mut images = Array2::zeros((frames.values.nrows(), self.report().elements));
+        let mut residual = Vec::with_capacity(images.nrows());
+        for (t, mut image) in images.rows_mut().into_iter().enumerate() {
+            if let Some(image) = image.as_slice_mut() {
+                residual.push(self.frame(frames, t, &mut scratch, image)?);
+            }
+        }
+        let report = SequenceReport {
+            method: SequenceSolver::name(self),
+            status: SequenceStatus::Direct,
+            iterations: 0,
+            residual,
+            seconds: start.elapsed().as_secs_f64(),
+            certificate: None,
+            trace: Vec::new(),
+        };
+        Ok(ImageSequence { images, report })
+    }
+}

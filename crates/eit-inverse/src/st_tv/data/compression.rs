@@ -1,0 +1,86 @@
+//! The singular expansion of the whitened Jacobian.
+
+use crate::InverseError;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::svd::{ComputeSvdVectors, svd, svd_scratch};
+use faer::{Col, Mat, Par, Spec};
+use ndarray::ArrayRef2;
+
+/// The whitened Jacobian's singular expansion.
+#[derive(Debug, Clone)]
+pub(crate) struct Compression {
+    /// Measurements of the protocol.
+    pub(crate) measurements: usize,
+    /// `W^1/2` of each measurement; 0 for one that is never used.
+    pub(crate) root_weights: Vec<f64>,
+    /// `U` `[measurement, rank]`.
+    pub(crate) left: Mat<f64>,
+    /// `S`, descending.
+    pub(crate) singular: Vec<f64>,
+    /// `V` `[unknown, rank]`.
+    pub(crate) basis: Mat<f64>,
+}
+
+impl Compression {
+    /// Expands a Jacobian `[measurement, unknown]` with the weights of its rows.
+    pub(crate) fn new(
+        jacobian: &ArrayRef2<f64>,
+        root_weights: Vec<f64>,
+    ) -> Result<Self, InverseError> {
+        let (measurements, unknowns) = jacobian.dim();
+        if measurements == 0 || unknowns == 0 {
+            return Err(InverseError::EmptyJacobian { measurements, elements: unknowns });
+        }
+        let mut largest = 0.0_f64;
+        for ((measurement, element), &value) in jacobian.indexed_iter() {
+            if root_weights[measurement] == 0.0 {
+                continue;
+            }
+            if !value.is_finite() {
+                return Err(InverseError::NonFiniteJacobian { measurement, element, value });
+            }
+            largest = largest.max((root_weights[measurement] * value).abs());
+        }
+        if !(largest > 0.0 && largest.is_finite()) {
+            return Err(InverseError::NoSensitivity { measurements });
+        }
+        // scaled to 1 first: squares of 1e-200 would vanish
+        let transposed = Mat::from_fn(unknowns, measurements, |p, i| match root_weights[i] {
+            0.0 => 0.0,
+            w => w * jacobian[(i, p)] / largest,
+        });
+        let rank = unknowns.min(measurements);
+        let failed = InverseError::Factorisation {
+            what: "singular values of the Jacobian",
+            size: measurements,
+        };
+        let (mut basis, mut left) = (Mat::zeros(unknowns, rank), Mat::zeros(measurements, rank));
+        let mut singular = Col::<f64>::zeros(rank);
+        let thin = ComputeSvdVectors::Thin;
+        let scratch =
+            svd_scratch::<f64>(unknowns, measurements, thin, thin, Par::Seq, Spec::default());
+        svd(
+            transposed.as_ref(),
+            singular.as_diagonal_mut(),
+            Some(basis.as_mut()),
+            Some(left.as_mut()),
+            Par::Seq,
+            MemStack::new(&mut MemBuffer::new(scratch)),
+            Spec::default(),
+        )
+        .map_err(|_| failed)?;
+        let floor = unknowns.max(measurements) as f64 * f64::EPSILON * singular[0];
+        let kept = (0..rank).take_while(|&k| singular[k] > floor).count();
+        Ok(Self {
+            measurements,
+            root_weights,
+            left: left.get(.., ..kept).to_owned(),
+            singular: (0..kept).map(|k| largest * singular[k]).collect(),
+            basis: basis.get(.., ..kept).to_owned(),
+        })
+    }
+
+    pub(crate) fn rank(&self) -> usize {
+        self.singular.len()
+    }
+}
