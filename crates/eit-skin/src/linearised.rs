@@ -153,18 +153,13 @@ impl LinearisedSkin {
 
     /// Rows of a Jacobian as derivatives of the differences: divided by the model's voltages where
     /// data are normalised, zero where a measurement is not used.
-    pub(crate) fn rows_of_differences(&self, mut rows: Array2<f64>, used: &[bool]) -> Array2<f64> {
-        let kind = self.difference_kind();
-        for ((mut row, used), voltage) in rows.rows_mut().into_iter().zip(used).zip(&self.voltages)
-        {
-            match kind {
-                // never looked at, and its voltage may be zero
-                _ if !used => row.fill(0.0),
-                DifferenceKind::Normalised => row /= *voltage,
-                DifferenceKind::Plain => {}
-            }
-        }
-        rows
+    pub(crate) fn rows_of_differences(
+        &self,
+        mut rows: Array2<f64>,
+        used: &[bool],
+    ) -> Result<Array2<f64>, SkinError> {
+        self.difference_data().apply_to_rows(&mut rows, Some(used))?;
+        Ok(rows)
     }
 
     /// The Jacobian of differences on pixels, `[measurement, masked pixel]`: `J` of elements times the
@@ -176,7 +171,7 @@ impl LinearisedSkin {
     pub fn pixel_jacobian(&self, raster: &Raster, used: &[bool]) -> Result<Array2<f64>, SkinError> {
         let from_pixel = raster.element_from_pixel();
         let jacobian = from_pixel.premultiply_dense(self.jacobian.view())?;
-        Ok(self.rows_of_differences(jacobian, used))
+        self.rows_of_differences(jacobian, used)
     }
 
     /// Holds frames against the model.

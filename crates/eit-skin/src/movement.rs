@@ -82,14 +82,14 @@ pub(crate) fn take_out(
     let (Some(movement_m), Some(movement)) = (movement_m, &linearised.movement) else {
         return Ok(None);
     };
-    let jacobian = linearised.rows_of_differences(linearised.jacobian.clone(), used);
+    let jacobian = linearised.rows_of_differences(linearised.jacobian.clone(), used)?;
     let error = before.map_or(1.0, |before| {
         let signal = expected_signal(linearised, &jacobian, noise, used);
         (before.report().hyperparameter * signal).max(1.0)
     });
     // weights are those of the noise, so that deviations count in its units
     let std = vec![movement_m / error; movement.ncols()];
-    let movement = linearised.rows_of_differences(movement.clone(), used);
+    let movement = linearised.rows_of_differences(movement.clone(), used)?;
     let side = NuisanceParameters::new(&movement, &std, &noise.std, Some(used))?;
     let linearised = linearised.whitened(side.whiten_jacobian(&jacobian)?);
     Ok(Some(TakenOut { error, side, linearised }))
@@ -157,7 +157,7 @@ impl FittedFrames {
             let first = before.as_ref().map(|before| &before.difference);
             let taken = take_out(&self.skin, &noise, &self.frames.used, first)?;
             let Some(TakenOut { error, side, linearised }) = taken else { return Ok(None) };
-            let given = side.kept().iter().map(|kept| 1.0 - kept).sum::<f64>();
+            let given = side.kept_variance().iter().map(|kept| 1.0 - kept).sum::<f64>();
             let mut line =
                 format!("{}: {given:.1} directions of the data go to that", words(movement_m));
             if error > 1.0 {

@@ -209,10 +209,11 @@ impl Skin {
     /// Plain or normalised difference: pairs are normalised, which cancels gains per channel;
     /// general patterns have voltages near zero, which cannot be divided by.
     pub fn difference_kind(&self) -> DifferenceKind {
-        self.settings.reconstruction.difference.unwrap_or(match self.protocol.quadruples() {
+        let default = match self.protocol.quadruples() {
             Some(_) => DifferenceKind::Normalised,
             None => DifferenceKind::Plain,
-        })
+        };
+        self.settings.reconstruction.difference.map_or(default, Into::into)
     }
 
     /// The untouched skin, a conductivity for each element, siemens per square.

@@ -55,11 +55,9 @@ impl Frames {
     pub fn differences(&self, kind: DifferenceKind) -> Array2<f64> {
         let mut differences = self.values.clone();
         for ((frame, i), value) in differences.indexed_iter_mut() {
-            let reference = self.reference[i];
-            *value = match (self.used[i] && self.good[[frame, i]], kind) {
-                (false, _) => 0.0,
-                (true, DifferenceKind::Plain) => *value - reference,
-                (true, DifferenceKind::Normalised) => (*value - reference) / reference,
+            *value = match self.used[i] && self.good[[frame, i]] {
+                true => kind.difference(*value, self.reference[i]),
+                false => 0.0,
             };
         }
         differences

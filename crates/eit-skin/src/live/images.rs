@@ -112,10 +112,9 @@ impl LiveImages {
     ) -> Result<(), SkinError> {
         for (i, difference) in self.differences.iter_mut().enumerate() {
             self.good[i] = is_good(i);
-            *difference = match (self.good[i], self.kind) {
-                (false, _) => f64::NAN,
-                (true, DifferenceKind::Plain) => values[i] - reference[i],
-                (true, DifferenceKind::Normalised) => (values[i] - reference[i]) / reference[i],
+            *difference = match self.good[i] {
+                true => self.kind.difference(values[i], reference[i]),
+                false => f64::NAN,
             };
         }
         self.state = ImageState::default();

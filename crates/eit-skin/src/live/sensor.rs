@@ -97,7 +97,7 @@ impl Skin {
         let quadruples = self.protocol.quadruples().ok_or_else(|| {
             SkinError::input("[protocol] has general current patterns, which no recording names")
         })?;
-        let pace = eit_hw::driver::Pace::AsAsked;
+        let pace = eit_hw::driver::Pace::OnDemand;
         let replay = eit_hw::driver::Replay::open(recording.as_ref(), Some(quadruples), pace)?;
         self.sensor_of(Box::new(replay), false)
     }

@@ -27,10 +27,7 @@ impl Whitening {
     /// What is left of a frame, `[used measurement]`.
     pub fn of(&mut self, values: &[f64], reference: &[f64]) -> Result<&[f64], SkinError> {
         for &i in &self.used {
-            self.differences[i] = match self.kind {
-                DifferenceKind::Plain => values[i] - reference[i],
-                DifferenceKind::Normalised => (values[i] - reference[i]) / reference[i],
-            };
+            self.differences[i] = self.kind.difference(values[i], reference[i]);
         }
         self.side.whiten(&mut self.differences)?;
         self.white.iter_mut().zip(&self.used).for_each(|(white, &i)| *white = self.differences[i]);

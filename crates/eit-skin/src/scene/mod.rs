@@ -18,12 +18,13 @@ mod series;
 mod settings;
 
 pub use builtin::NAMES as BUILT_IN;
+pub use eit_inverse::DifferenceKind;
 pub use instrument::{DriverKind, Instrument, InstrumentSettings};
 pub use mesh::{BuiltMesh, ElectrodeSource, MeshSource};
 pub use mesh_choice::{Accuracy, MeshChoice, element_words};
 pub use parse::from_toml;
 pub use reconstruction::{
-    Delta, DeltaRule, DifferenceKind, Hyperparameter, PriorKind, ReconstructionSettings, Rule,
+    Delta, DeltaRule, DifferenceKey, Hyperparameter, PriorKind, ReconstructionSettings, Rule,
 };
 pub use settings::{FrameSettings, StageSettings, Symmetry};
 

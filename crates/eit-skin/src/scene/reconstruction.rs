@@ -1,5 +1,6 @@
 //! `[reconstruction]`: what image is wanted.
 
+use eit_inverse::DifferenceKind;
 use serde::{Deserialize, Serialize};
 
 /// `[reconstruction]`
@@ -17,7 +18,7 @@ pub struct ReconstructionSettings {
     pub correlation_length_m: Option<f64>,
     pub hyperparameter: Option<Hyperparameter>,
     pub noise_figure: Option<f64>,
-    pub difference: Option<DifferenceKind>,
+    pub difference: Option<DifferenceKey>,
     /// Use measurements on electrodes that carry current too; they hold contact impedances.
     #[serde(default)]
     pub use_driven_electrodes: bool,
@@ -117,7 +118,16 @@ pub enum Rule {
 /// `reconstruction.difference`
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum DifferenceKind {
+pub enum DifferenceKey {
     Normalised,
     Plain,
+}
+
+impl From<DifferenceKey> for DifferenceKind {
+    fn from(key: DifferenceKey) -> Self {
+        match key {
+            DifferenceKey::Normalised => Self::Normalised,
+            DifferenceKey::Plain => Self::Plain,
+        }
+    }
 }
