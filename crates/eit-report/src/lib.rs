@@ -8,9 +8,9 @@ mod error;
 pub mod html;
 pub mod output;
 pub mod reconstruct;
-//pub mod report;
+pub mod report;
 pub mod settings;
-//pub mod simulate;
+pub mod simulate;
 pub mod simulated;
 pub mod watched;
 

@@ -16,10 +16,9 @@ mod paths;
 
 use crate::error::ReportError;
 use eit_mesh::Raster;
-use eit_skin::Progress;
 use eit_skin::frames::Frames;
-use eit_skin::pipeline::{self, Setup};
-use eit_skin::scene::Scene;
+use eit_skin::scene::MeshSource;
+use eit_skin::{Progress, Skin, rounding_warning};
 use ndarray::{Array1, Array2, Array3, Axis};
 use rand_distr::Distribution as _;
 
@@ -121,20 +120,20 @@ pub struct Simulated {
 /// For several noise levels of one movie take its steps: [`TouchMovie::random`],
 /// [`TouchMovie::voltages`] once, [`Voltages::with_noise`] for each.
 pub fn simulate(
-    scene: &Scene,
+    skin: &Skin,
     settings: &MovieSettings,
     raster: &Raster,
     progress: &mut Progress,
 ) -> Result<Simulated, ReportError> {
-    let movie = TouchMovie::random(scene, settings)?;
-    let setup = pipeline::setup(scene, None, Some(settings.nodes), progress)?;
-    let voltages = movie.voltages(scene, &setup, progress)?;
+    let movie = TouchMovie::random(&skin.source, settings)?;
+    let skin = skin.with_nodes(settings.nodes, progress)?;
+    let voltages = movie.voltages(&skin, progress)?;
     let noise_std_v = voltages.noise_std_v(settings.noise_db);
     Ok(Simulated {
         frames: voltages.with_noise(noise_std_v, settings.noise_seed)?,
-        truth: movie.truth(scene, raster),
+        truth: movie.truth(skin.conductivity_s, raster),
         noise_std_v,
-        nodes: setup.mesh.surface().nodes().len(),
+        nodes: skin.mesh.surface().nodes().len(),
         positions_m: movie.positions_m,
     })
 }
@@ -156,9 +155,9 @@ impl TouchMovie {
     /// All places lie within 0.8 of the radius (of the largest circle around the centroid of the
     /// skin that meets no rim) and at least four standard deviations of the bell from each other.
     /// The path seed decides alone, whatever mesh is used; fewer frames are the first ones of more.
-    pub fn random(scene: &Scene, settings: &MovieSettings) -> Result<Self, ReportError> {
+    pub fn random(source: &MeshSource, settings: &MovieSettings) -> Result<Self, ReportError> {
         let MovieSettings { finger, rate_hz, .. } = *settings;
-        let positions_m = paths::positions_m(scene, settings)?;
+        let positions_m = paths::positions_m(source, settings)?;
         Ok(Self { positions_m, finger, rate_hz })
     }
 
@@ -188,19 +187,13 @@ impl TouchMovie {
     }
 
     /// Voltages of the untouched skin and of each frame, without noise.
-    pub fn voltages(
-        &self,
-        scene: &Scene,
-        setup: &Setup,
-        progress: &mut Progress,
-    ) -> Result<Voltages, ReportError> {
-        let background = scene.skin.conductivity_s;
-        let centroids = setup.mesh.surface().centroids();
-        let mut workspace = setup.model.workspace()?;
-        let untouched = vec![background; centroids.len()];
-        let mut solution = setup.model.solve(&untouched, &mut workspace)?;
+    pub fn voltages(&self, skin: &Skin, progress: &mut Progress) -> Result<Voltages, ReportError> {
+        let background = skin.conductivity_s;
+        let centroids = skin.mesh.surface().centroids();
+        let mut workspace = skin.model.workspace()?;
+        let mut solution = skin.model.solve(&skin.background_s(), &mut workspace)?;
         let reference = solution.measurements();
-        let notes = pipeline::certain(&solution.report())?.into_iter().collect();
+        let notes = rounding_warning(&solution.report())?.into_iter().collect();
         let mut frames = Array2::zeros((self.positions_m.len(), reference.len()));
         progress.steps("simulate", self.positions_m.len(), |bar| {
             // what the last solve showed, and its voltages
@@ -208,7 +201,7 @@ impl TouchMovie {
             for (mut frame, fingers) in frames.rows_mut().into_iter().zip(&self.positions_m) {
                 if shown != fingers.as_slice() {
                     let conductivity = self.conductivity_s(background, &centroids, fingers);
-                    solved = setup.model.solve(&conductivity, &mut workspace)?.measurements();
+                    solved = skin.model.solve(&conductivity, &mut workspace)?.measurements();
                     shown = fingers;
                 }
                 frame.assign(&solved);
@@ -221,7 +214,7 @@ impl TouchMovie {
 
     /// True conductivity change, siemens, [frame, row, column], NaN outside the skin: the mean of
     /// each pixel, on 4 x 4 points.
-    pub fn truth(&self, scene: &Scene, raster: &Raster) -> Array3<f64> {
+    pub fn truth(&self, background_s: f64, raster: &Raster) -> Array3<f64> {
         let (side, pixel_m) = (raster.pixels(), raster.pixel_m());
         let offsets = [-0.375, -0.125, 0.125, 0.375].map(|part| part * pixel_m);
         let mut images = Array3::from_elem((self.positions_m.len(), side, side), f64::NAN);
@@ -230,7 +223,7 @@ impl TouchMovie {
                 let [x, y] = raster.centre_m(row, column);
                 let points = offsets.iter().flat_map(|dx| offsets.map(|dy| [x + dx, y + dy]));
                 let sum: f64 = points.map(|point| self.change(point, fingers)).sum();
-                image[[row, column]] = scene.skin.conductivity_s * sum / 16.0;
+                image[[row, column]] = background_s * sum / 16.0;
             }
         }
         images

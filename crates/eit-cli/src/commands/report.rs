@@ -32,6 +32,5 @@ pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {
         method: args.method.clone(),
     };
     let stop = interrupt::listen()?;
-    let _ = (settings, stop);
-    Err(CliError::input("stub"))
+    Ok(eit_report::report::run(&settings, &stop, &mut progress::terminal())?)
 }

@@ -177,7 +177,8 @@ impl Shown {
         );
         let title = format!("{}: touches as they were tracked", title(&self.experiment));
         let panel = TracksPanel { label, tracks };
-        Ok(draw_tracks(&[panel], skin, (&title, &note), 2)?)
+        let settings = PictureSettings { title, footnote: note, zoom: 2, ..Default::default() };
+        Ok(draw_tracks(&[panel], skin, &settings)?)
     }
 }
 
@@ -323,7 +324,9 @@ fn all_ways(shown: &[Shown], skin: &SkinDrawing) -> Result<Canvas, ReportError> 
         TracksPanel { label, tracks }
     };
     let panels: Vec<TracksPanel> = shown.iter().map(panel).collect();
-    Ok(draw_tracks(&panels, skin, ("The ways of the fingers", ""), 2)?)
+    let title = "The ways of the fingers".to_owned();
+    let settings = PictureSettings { title, zoom: 2, ..Default::default() };
+    Ok(draw_tracks(&panels, skin, &settings)?)
 }
 
 /// How long it took from the last byte of a frame to its image and touches.

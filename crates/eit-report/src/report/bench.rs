@@ -4,20 +4,19 @@ use crate::error::ReportError;
 use eit_inverse::metrics::Cells;
 use eit_inverse::{Differences, Prior, SequenceReport, SequenceSolver, StTv, Stop};
 use eit_mesh::Raster;
-use eit_skin::Progress;
-use eit_skin::frames::Frames;
+use eit_skin::frames::{Frames, ModelFit};
 use eit_skin::method::Method;
-use eit_skin::pipeline::imaging::{prior, settings};
-use eit_skin::pipeline::{self, Linearised, Setup, sequence, tv};
-use eit_skin::scene::{DifferenceKind, Hyperparameter, Reconstruction, Rule, Scene};
+use eit_skin::scene::{DifferenceKind, Hyperparameter, ReconstructionSettings, Rule};
+use eit_skin::{
+    FittedFrames, LinearisedSkin, MeshOverride, Progress, Scene, Skin, sequence, total_variation,
+};
 use ndarray::{Array2, ArrayView3};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// A built-in skin, linearised, with its pixels.
 pub(super) struct Bench {
-    pub scene: Scene,
-    pub setup: Setup,
-    pub linearised: Linearised,
+    pub linearised: LinearisedSkin,
     pub raster: Raster,
     pub cells: Cells<2>,
     pub prior: Box<dyn Prior + Send + Sync>,
@@ -33,16 +32,35 @@ impl Bench {
     pub fn of(scene: &str, pixels: usize, progress: &mut Progress) -> Result<Self, ReportError> {
         let mut scene = Scene::load(scene)?;
         scene.reconstruction.pixels = Some(pixels);
-        let setup = pipeline::setup(&scene, None, None, progress)?;
-        let linearised = pipeline::linearise(&scene, &setup, progress)?;
-        let raster = pipeline::raster(&scene, &setup, progress)?;
-        let prior = prior(&scene, &setup)?;
-        Ok(Self { cells: Cells::of_raster(&raster), scene, setup, linearised, raster, prior })
+        let skin = Skin::set_up(&scene, &MeshOverride::default(), progress)?;
+        let linearised = skin.linearise(progress)?;
+        let raster = linearised.raster(progress)?.clone();
+        let prior = linearised.prior()?;
+        Ok(Self { cells: Cells::of_raster(&raster), linearised, raster, prior })
+    }
+
+    /// The skin.
+    pub fn skin(&self) -> &Skin {
+        &self.linearised.skin
     }
 
     /// Plain or normalised.
     pub fn kind(&self) -> DifferenceKind {
-        self.scene.difference_kind(&self.setup.protocol)
+        self.linearised.difference_kind()
+    }
+
+    /// Frames whose noise is known, to be reconstructed with these settings. Their skin is the model's:
+    /// gain 1.
+    pub fn fitted(
+        &self,
+        frames: &Frames,
+        noise_std_v: f64,
+        settings: ReconstructionSettings,
+    ) -> FittedFrames {
+        let mut linearised = self.linearised.clone().with_reconstruction(settings);
+        linearised.skin.settings.noise.additive_v = Some(noise_std_v);
+        let fit = ModelFit { gain: 1.0, correlation: 1.0 };
+        FittedFrames { skin: Arc::new(linearised), frames: frames.clone(), fit }
     }
 
     /// The masked pixels of images [frame, row, column]: [frame, masked pixel].
@@ -73,6 +91,15 @@ impl Entrant {
             Some(_) => format!("{} ≥ 0", self.method.name()),
         }
     }
+
+    /// The skin's settings with this bound, and with a rule for the hyperparameter of those that have
+    /// one.
+    pub fn settings(self, bench: &Bench, rule: Rule) -> ReconstructionSettings {
+        let mut settings = bench.skin().settings.reconstruction.clone();
+        settings.hyperparameter = Some(Hyperparameter::Rule(rule));
+        settings.lower_s = self.lower_s;
+        settings
+    }
 }
 
 /// Every method once, and st-tv with what is known of the fabric; the slowest by far comes last.
@@ -88,7 +115,7 @@ pub(super) const ENTRANTS: [Entrant; 7] = [
 
 /// A method set up for one recording.
 pub(super) struct Entry<'a> {
-    bench: &'a Bench,
+    raster: &'a Raster,
     runner: Runner<'a>,
     /// Set-up for the skin: factorisations.
     pub set_up_s: f64,
@@ -105,23 +132,23 @@ enum Runner<'a> {
     Sequence(Box<dyn SequenceSolver + 'a>),
 }
 
+/// What an [`Entry`] makes of a recording.
+pub(super) struct Sequence {
+    /// Siemens, [frame, masked pixel].
+    pub pixels: Array2<f64>,
+    pub report: SequenceReport,
+}
+
 impl<'a> Entry<'a> {
-    /// Sets a method up for frames whose noise is `noise_std_v`; `rule` chooses the hyperparameter
-    /// of those that have one.
+    /// Sets a method up for frames.
     pub fn new(
         bench: &'a Bench,
-        (entrant, rule): (Entrant, Rule),
-        frames: &Frames,
-        noise_std_v: f64,
+        fitted: &'a FittedFrames,
+        method: Method,
     ) -> Result<Self, ReportError> {
-        let mut scene = bench.scene.clone();
-        scene.reconstruction.hyperparameter = Some(Hyperparameter::Rule(rule));
-        scene.noise.additive_v = Some(noise_std_v);
-        scene.reconstruction.lower_s = entrant.lower_s;
-        if entrant.method.is_tv() {
-            Self::total_variation(bench, &scene, entrant.method, frames)
-        } else {
-            Self::sequence(bench, &scene, entrant.method, frames)
+        match method.is_tv() {
+            true => Self::total_variation(bench, fitted, method),
+            false => Self::sequence(bench, fitted, method),
         }
     }
 
@@ -135,73 +162,67 @@ impl<'a> Entry<'a> {
 
     fn total_variation(
         bench: &'a Bench,
-        scene: &Scene,
+        fitted: &FittedFrames,
         method: Method,
-        frames: &Frames,
     ) -> Result<Self, ReportError> {
         let start = Instant::now();
-        let (kind, raster) = (bench.kind(), &bench.raster);
-        let data = pipeline::difference_data(kind, &bench.linearised);
-        // the simulated skin is the model's: gain 1
-        let noise = pipeline::noise::known(scene, frames, (&data, 1.0))?;
-        let values = frames.differences(kind);
-        let noise = noise.map(|noise| noise.with_model_error(&values, &frames.good));
-        let jacobian = tv::pixel_jacobian(&bench.linearised, raster, kind, &frames.used)?;
-        let keys: (Method, &Reconstruction) = (method, &scene.reconstruction);
+        let FittedFrames { skin, frames, .. } = fitted;
+        let (raster, used) = (&bench.raster, &frames.used);
+        let values = fitted.differences();
+        let noise = fitted.noise()?.map(|noise| noise.with_model_error(&values, &frames.good));
+        let jacobian = skin.pixel_jacobian(raster, used)?;
+        let keys = &skin.skin.settings.reconstruction;
         let noise_std = noise.map(|noise| noise.std);
-        let mut solver = tv::solver(&jacobian, raster, keys, noise_std, &frames.used)?;
+        let mut solver = total_variation::solver(&jacobian, raster, method, keys, noise_std, used)?;
         let set_up_s = start.elapsed().as_secs_f64();
         let start = Instant::now();
         let differences = Differences::all_good(values.view());
-        let length_m = tv::time_length_m(raster);
-        let weights = tv::chosen_weights(&mut solver, &differences, length_m)?;
+        let length_m = total_variation::time_length_m(raster);
+        let weights = total_variation::chosen_weights(&mut solver, &differences, length_m)?;
         let choice = format!("lambda_space {:.2e}, {}", weights.lambda_space, weights.rule);
         let (rank, choice_s) = (solver.rank(), start.elapsed().as_secs_f64());
         let runner = Runner::Tv(Box::new(solver));
-        Ok(Self { bench, runner, set_up_s, choice_s, choice, rank })
+        Ok(Self { raster, runner, set_up_s, choice_s, choice, rank })
     }
 
     fn sequence(
         bench: &'a Bench,
-        scene: &Scene,
+        fitted: &'a FittedFrames,
         method: Method,
-        frames: &Frames,
     ) -> Result<Self, ReportError> {
-        let Bench { setup, linearised, prior, .. } = bench;
         let start = Instant::now();
-        let mut silent = Progress::silent();
-        let imaging = pipeline::imaging(scene, setup, linearised, frames, &mut silent)?;
+        let imaging = fitted.one_step(&mut Progress::silent())?;
         let choice_s = start.elapsed().as_secs_f64();
         let hyperparameter = imaging.difference.report().hyperparameter;
-        let mut settings = settings(scene, setup, linearised, &frames.used)?;
+        let mut settings = fitted.one_step_settings()?;
         settings.hyperparameter = hyperparameter;
         let start = Instant::now();
-        let built = sequence::method(method, scene, (setup, linearised), prior.as_ref(), settings)?;
+        let built = sequence::method(method, &fitted.skin, bench.prior.as_ref(), settings)?;
         let Some(built) = built else {
             return Err(ReportError::Failure(format!("{} works on pixels", method.name())));
         };
         let set_up_s = start.elapsed().as_secs_f64();
         let choice = format!("hyperparameter {hyperparameter:.2e}, {}", imaging.rule);
         let (rank, runner) = (imaging.difference.report().rank, Runner::Sequence(built));
-        Ok(Self { bench, runner, set_up_s, choice_s, choice, rank })
+        Ok(Self { raster: &bench.raster, runner, set_up_s, choice_s, choice, rank })
     }
 
-    /// Reconstructs; `stop` counts for total variation. Movies are [frame, masked pixel], siemens.
+    /// Reconstructs; `stop` counts for total variation.
     pub fn run(
         &mut self,
         differences: &Differences<'_>,
         stop: &Stop,
-    ) -> Result<(Array2<f64>, SequenceReport), ReportError> {
-        match &mut self.runner {
+    ) -> Result<Sequence, ReportError> {
+        Ok(match &mut self.runner {
             Runner::Tv(solver) => {
-                let movie = solver.solve(differences, stop)?;
-                Ok((movie.images, movie.report))
+                let found = solver.solve(differences, stop)?;
+                Sequence { pixels: found.images, report: found.report }
             }
             Runner::Sequence(method) => {
-                let movie = method.reconstruct_sequence(differences)?;
-                let pixels = sequence::pixels_of(movie.images.view(), &self.bench.raster)?;
-                Ok((pixels, movie.report))
+                let found = method.reconstruct_sequence(differences)?;
+                let pixels = sequence::pixels_of(found.images.view(), self.raster)?;
+                Sequence { pixels, report: found.report }
             }
-        }
+        })
     }
 }

@@ -11,9 +11,9 @@ use crate::output::OutFolder;
 use crate::settings::ReportSettings;
 use cases::{Sequence, sequences};
 use eit_denoise::ThresholdRule;
-use eit_skin::Progress;
-use eit_skin::denoise::{Chain, Chained, Check, Net};
-use eit_skin::scene::Scene;
+use eit_skin::denoise::{Chain, Chained, Check, Lengths, Net};
+use eit_skin::scene::DenoiseSettings;
+use eit_skin::{MeshOverride, Progress, Scene, Skin};
 use judge::{Judge, Tally};
 use ndarray::{Array3, Axis};
 
@@ -41,13 +41,16 @@ pub(super) fn run(
     out: &mut OutFolder,
     progress: &mut Progress,
 ) -> Result<Answer, ReportError> {
-    let scene = Scene::load("paper-disc")?;
-    let pixels = scene.reconstruction.pixels.unwrap_or(eit_skin::pipeline::DEFAULT_PIXELS);
-    let load = |name: &String| Ok((name.clone(), Net::load(&scene, name, pixels, false)?));
+    let skin = Skin::set_up(&Scene::load("paper-disc")?, &MeshOverride::default(), progress)?;
+    let load = |name: &String| {
+        let settings = DenoiseSettings { weights: name.clone(), any_skin: false };
+        Ok((name.clone(), Net::load(&settings, &skin.net_target())?))
+    };
     let nets: Vec<(String, Net)> =
         args.weights.iter().map(load).collect::<Result<_, ReportError>>()?;
-    let chain = Chain::new(&scene, args.method.as_deref(), Some((100, QUIET)), progress)?;
-    let sequences = sequences(&chain, args.quick, progress)?;
+    let lengths = Some(Lengths { frames: 100, quiet: QUIET });
+    let chain = Chain::new(skin, args.method.as_deref(), lengths, progress)?;
+    let sequences = sequences(&chain.linearised.skin, args.quick, progress)?;
     let shown = progress.steps("images", sequences.len(), |bar| {
         let mut shown = Vec::new();
         for sequence in sequences {
@@ -57,7 +60,7 @@ pub(super) fn run(
         }
         Ok::<_, ReportError>(shown)
     })?;
-    let judge = Judge::new(&chain.raster, &shown)?;
+    let judge = Judge::new(chain.linearised.raster(progress)?, &shown)?;
     let mut tallies = Vec::new();
     for case in &shown {
         let mut raw = None;
@@ -77,24 +80,22 @@ pub(super) fn run(
 /// The raw images, those of the paper's rule, and those of each net without and with the check.
 fn ways(chain: &Chain, made: &Chained, nets: &[(String, Net)]) -> Result<Vec<Way>, ReportError> {
     let raw = &made.images;
-    let mut rule = ThresholdRule::default().on(chain.raster.mask().view())?;
+    let raster = chain.linearised.raster(&mut Progress::silent())?;
+    let mut rule = ThresholdRule::default().on(raster.mask().view())?;
     let mut kept = raw.clone();
     for (image, out) in raw.outer_iter().zip(kept.axis_iter_mut(Axis(0))) {
         rule.apply_into(image, out)?;
     }
     let plain = |name: &str, images| Way { name: name.to_owned(), images, aside: None };
     let mut ways = vec![plain("raw", raw.clone()), plain("rule", kept)];
-    let parts = (&chain.setup, &chain.linearised, &chain.raster);
-    let mut check = Check::new(&chain.scene, parts, (&made.frames, made.gain))?;
+    let mut check = Check::new(&made.fitted)?;
     for (name, net) in nets {
         let mut silent = Progress::silent();
         let mut images = raw.clone();
-        net.apply(&mut images, &chain.raster, None, &mut silent)?;
+        net.apply(&mut images, raster, None, &mut silent)?;
         ways.push(plain(name, images));
         let mut images = raw.clone();
-        if let Some(checked) =
-            net.apply(&mut images, &chain.raster, Some(&mut check), &mut silent)?
-        {
+        if let Some(checked) = net.apply(&mut images, raster, Some(&mut check), &mut silent)? {
             // quiet frames at the start count for nothing
             let aside = checked.put_aside().iter().filter(|f| **f >= QUIET).count();
             let aside = aside as f64 / (raw.dim().0 - QUIET) as f64;
@@ -123,9 +124,9 @@ fn touched_table(tallies: &[Row<'_>], chain: &Chain) -> Table {
              the raw ones; \"put aside\" is their part of all frames after the quiet ones.",
             cases::NODES,
             chain.method.name(),
-            chain.setup.mesh.surface().nodes().len(),
-            chain.raster.pixels(),
-            chain.raster.pixels(),
+            chain.linearised.skin.mesh.surface().nodes().len(),
+            chain.linearised.skin.pixels(),
+            chain.linearised.skin.pixels(),
             judge::FULL_N,
             judge::FLOOR,
             1e3 * judge::WITHIN_M,

@@ -9,9 +9,8 @@ use crate::error::ReportError;
 use crate::output::{OutFolder, io};
 use crate::simulate::{FAST_M, Finger, FingerShape, MovieSettings, SLOW_M, TouchMovie};
 use eit_inverse::{Differences, Stop};
-use eit_skin::Progress;
-use eit_skin::pipeline;
 use eit_skin::scene::Rule;
+use eit_skin::{Progress, Skin};
 use serde_json::json;
 
 /// The methods compared: all but the absolute one, which takes a hundred times longer than the
@@ -67,7 +66,7 @@ pub(super) fn run(
     let grid = if quick { QUICK } else { FULL };
     let bench = Bench::new(grid.pixels, progress)?;
     let nodes = MovieSettings::default().nodes;
-    let simulation = pipeline::setup(&bench.scene, None, Some(nodes), progress)?;
+    let simulation = bench.skin().with_nodes(nodes, progress)?;
     let movies = FingerShape::ALL.len() * SPEEDS.len() * grid.touches.len();
     let runs = movies * grid.noise_db.len() * METHODS;
     let (bench_ref, simulation_ref, grid_ref) = (&bench, &simulation, &grid);
@@ -111,7 +110,7 @@ pub(super) fn run(
 }
 
 /// What was compared, in words.
-fn note(bench: &Bench, simulation: &pipeline::Setup, grid: &Grid) -> String {
+fn note(bench: &Bench, simulation: &Skin, grid: &Grid) -> String {
     format!(
         "Simulated on {} nodes with the full non-linear model, reconstructed on {} nodes and {} x \
          {} pixels; {} frames a movie. Fingers raise the conductivity by half: bells of 12 mm \
@@ -121,7 +120,7 @@ fn note(bench: &Bench, simulation: &pipeline::Setup, grid: &Grid) -> String {
          of the others the better, in hindsight, of cross-validation and noise figure 1. \"Never \
          below 0\": with the bound that pressing only raises the conductivity.",
         simulation.mesh.surface().nodes().len(),
-        bench.setup.mesh.surface().nodes().len(),
+        bench.skin().mesh.surface().nodes().len(),
         grid.pixels,
         grid.pixels,
         grid.frames,
@@ -132,7 +131,7 @@ fn note(bench: &Bench, simulation: &pipeline::Setup, grid: &Grid) -> String {
 
 /// All movies of fingers of one shape.
 fn shape_rows(
-    (bench, simulation, grid): (&Bench, &pipeline::Setup, &Grid),
+    (bench, simulation, grid): (&Bench, &Skin, &Grid),
     (name, shape): (&'static str, FingerShape),
     bar: &eit_skin::Steps<'_>,
 ) -> Result<Vec<Row>, ReportError> {
@@ -151,14 +150,14 @@ fn shape_rows(
 /// All noise levels and methods on one movie.
 fn movie_rows(
     bench: &Bench,
-    simulation: &pipeline::Setup,
+    simulation: &Skin,
     grid: &Grid,
     ((shape, speed), settings): ((&'static str, &'static str), &MovieSettings),
     bar: &eit_skin::Steps<'_>,
 ) -> Result<Vec<Row>, ReportError> {
-    let movie = TouchMovie::random(&bench.scene, settings)?;
-    let voltages = movie.voltages(&bench.scene, simulation, &mut Progress::silent())?;
-    let pixels = bench.pixels_of(movie.truth(&bench.scene, &bench.raster).view())?;
+    let movie = TouchMovie::random(&bench.skin().source, settings)?;
+    let voltages = movie.voltages(simulation, &mut Progress::silent())?;
+    let pixels = bench.pixels_of(movie.truth(bench.skin().conductivity_s, &bench.raster).view())?;
     let truth = Truth { pixels: &pixels, positions_m: &movie.positions_m };
     let mut rows = Vec::new();
     for &noise_db in grid.noise_db {
@@ -170,13 +169,14 @@ fn movie_rows(
             let rules = if competitor.method.is_tv() { &RULES[..1] } else { &RULES };
             let mut best: Option<(Scores, f64, String)> = None;
             for &rule in rules {
-                let mut entry = Entry::new(bench, (competitor, rule), &frames, noise_std_v)?;
+                let fitted = bench.fitted(&frames, noise_std_v, competitor.settings(bench, rule));
+                let mut entry = Entry::new(bench, &fitted, competitor.method)?;
                 let stop = Stop { target_gap: TARGET_GAP, ..Default::default() };
-                let (found, report) = entry.run(&differences, &stop)?;
-                let scores = Scores::new(bench, found.view(), &truth)?;
+                let found = entry.run(&differences, &stop)?;
+                let scores = Scores::new(bench, found.pixels.view(), &truth)?;
                 let before = best.as_ref().map_or(f64::INFINITY, |best| best.0.relative_error);
                 if scores.relative_error < before || best.is_none() {
-                    best = Some((scores, report.seconds, entry.choice));
+                    best = Some((scores, found.report.seconds, entry.choice));
                 }
             }
             bar.inc();

@@ -193,14 +193,14 @@ mod tests {
     use super::GAPS;
     use super::case::CASES;
     use eit_skin::method::Method;
-    use eit_skin::plan::measured::Table;
-    use eit_skin::scene::Scene;
+    use eit_skin::plan::measured::{Table, Wanted};
+    use eit_skin::scene::ReconstructionSettings;
 
     /// The table of plans is of one full run of this report: every scene, method and gap.
     #[test]
     fn the_measured_table_is_whole_and_of_one_run() {
         let table = Table::load().unwrap();
-        let scene = Scene::load("paper-disc").unwrap();
+        let settings = &ReconstructionSettings::default();
         let mut rates = Vec::new();
         for case in CASES {
             for method in Method::ALL {
@@ -209,7 +209,8 @@ mod tests {
                     continue;
                 }
                 for gap in GAPS {
-                    let row = table.of(case.name, (&scene, method), (64, gap)).unwrap();
+                    let wanted = Wanted { method, settings, pixels: 64, target_gap: gap };
+                    let row = table.of(case.name, &wanted).unwrap();
                     assert!(row.relative_error > 0.0 && row.ms_a_frame > 0.0, "{row:?}");
                     assert!(row.pixels.is_none_or(|pixels| pixels == 64), "{row:?}");
                     assert!(row.target_gap.is_none_or(|own| own == gap), "{row:?}");

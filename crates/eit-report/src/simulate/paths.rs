@@ -15,7 +15,8 @@
 
 use super::MovieSettings;
 use crate::error::ReportError;
-use eit_skin::scene::{Scene, MeshSource};
+use eit_mesh::SkinShape;
+use eit_skin::scene::MeshSource;
 use rand_distr::{Distribution as _, StandardUniform};
 use rand_pcg::Pcg64Mcg;
 use std::f64::consts::{PI, TAU};
@@ -38,12 +39,12 @@ const STREAM: u128 = 0x9e37_79b9_7f4a_7c15;
 
 /// Places of the fingers, metres, `[frame][finger]`.
 pub(super) fn positions_m(
-    scene: &Scene,
+    source: &MeshSource,
     settings: &MovieSettings,
 ) -> Result<Vec<Vec<[f64; 2]>>, ReportError> {
     check(settings)?;
     let MovieSettings { touches, frames, step_m, finger, path_seed, .. } = *settings;
-    let (middle, radius_m) = free_circle(scene)?;
+    let (middle, radius_m) = free_circle(source)?;
     let reach_m = INSIDE * radius_m;
     let territory_m = territory_m(touches, reach_m, finger.sigma_m);
     if territory_m <= 0.0 {
@@ -106,14 +107,14 @@ fn territory_m(touches: usize, reach_m: f64, sigma_m: f64) -> f64 {
 
 /// Centroid of the skin and its distance to the nearest rim, metres. From the outline alone, so
 /// that no mesh moves the fingers.
-fn free_circle(scene: &Scene) -> Result<([f64; 2], f64), ReportError> {
-    let MeshSource::Generated { shape, .. } = scene.mesh(None)? else {
+fn free_circle(source: &MeshSource) -> Result<([f64; 2], f64), ReportError> {
+    let MeshSource::Generated { shape, .. } = source else {
         return Err(ReportError::input(
             "a touch movie needs a flat skin with an outline: disc, rectangle or polygon, not a mesh \
              file",
         ));
     };
-    if let eit_mesh::SkinShape::Hemisphere { .. } = shape {
+    if let SkinShape::Hemisphere { .. } = shape {
         return Err(ReportError::input("a touch movie needs a flat skin, not a hemisphere"));
     }
     let outline = shape.outline()?;

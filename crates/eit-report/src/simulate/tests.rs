@@ -2,12 +2,20 @@
 
 use super::*;
 use eit_inverse::metrics::{Cells, ChangeSign, half_maximum_centre_m, touch_position_errors_m};
+use eit_skin::{MeshOverride, Scene};
 
-fn scene() -> Scene {
-    Scene::load("paper-disc").unwrap()
+/// The paper's skin on so many nodes.
+fn skin(nodes: usize) -> Skin {
+    let mesh = MeshOverride { nodes: Some(nodes), ..Default::default() };
+    let scene = Scene::load("paper-disc").unwrap();
+    Skin::set_up(&scene, &mesh, &mut Progress::default()).unwrap()
 }
 
-fn scene_of(skin: &str, electrodes: &str) -> Scene {
+fn source() -> MeshSource {
+    Scene::load("paper-disc").unwrap().mesh(None).unwrap()
+}
+
+fn source_of(skin: &str, electrodes: &str) -> MeshSource {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.toml");
     let text = format!(
@@ -15,7 +23,7 @@ fn scene_of(skin: &str, electrodes: &str) -> Scene {
          contact_impedance_ohm_m = 1e3\n"
     );
     std::fs::write(&path, text).unwrap();
-    Scene::load(path.to_str().unwrap()).unwrap()
+    Scene::load(path.to_str().unwrap()).unwrap().mesh(None).unwrap()
 }
 
 const EIGHT: &str = "count = 8\nwidth_m = 0.01";
@@ -26,10 +34,9 @@ fn small() -> MovieSettings {
 }
 
 fn voltages(settings: &MovieSettings) -> Voltages {
-    let (scene, mut progress) = (scene(), Progress::default());
-    let setup = pipeline::setup(&scene, None, Some(settings.nodes), &mut progress).unwrap();
-    let movie = TouchMovie::random(&scene, settings).unwrap();
-    movie.voltages(&scene, &setup, &mut progress).unwrap()
+    let skin = skin(settings.nodes);
+    let movie = TouchMovie::random(&skin.source, settings).unwrap();
+    movie.voltages(&skin, &mut Progress::default()).unwrap()
 }
 
 fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
@@ -38,12 +45,12 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
 
 #[test]
 fn fingers_stay_inside_and_apart_and_keep_their_speed() {
-    let scene = scene();
+    let source = source();
     for touches in 1..=4 {
         for path_seed in 0..50 {
             for step_m in [SLOW_M, FAST_M] {
                 let settings = MovieSettings { touches, path_seed, step_m, frames: 60, ..small() };
-                let movie = TouchMovie::random(&scene, &settings).unwrap();
+                let movie = TouchMovie::random(&source, &settings).unwrap();
                 for fingers in &movie.positions_m {
                     assert_eq!(fingers.len(), touches);
                     for (k, &finger) in fingers.iter().enumerate() {
@@ -74,7 +81,7 @@ fn steps_are_measured_along_the_path() {
     let settings = MovieSettings { step_m: 1e-4, frames: 4001, ..small() };
     for path_seed in 0..10 {
         let settings = MovieSettings { path_seed, ..settings.clone() };
-        let movie = TouchMovie::random(&scene(), &settings).unwrap();
+        let movie = TouchMovie::random(&source(), &settings).unwrap();
         let way: f64 =
             movie.positions_m.windows(2).map(|pair| distance(pair[0][0], pair[1][0])).sum();
         // chords of 1e-4 m on bends of 10 mm are short by 4e-6, the path's table by less
@@ -84,20 +91,19 @@ fn steps_are_measured_along_the_path() {
 
 #[test]
 fn seeds_decide_and_nothing_else() {
-    let scene = scene();
+    let source = source();
     let path = |path_seed, frames, nodes| {
         let settings = MovieSettings { path_seed, frames, nodes, touches: 3, ..small() };
-        TouchMovie::random(&scene, &settings).unwrap().positions_m
+        TouchMovie::random(&source, &settings).unwrap().positions_m
     };
     assert_eq!(path(1, 12, 1500), path(1, 12, 1600));
     assert_eq!(path(1, 12, 1500)[..], path(1, 40, 1500)[..12]);
     assert_ne!(path(1, 12, 1500), path(2, 12, 1500));
     let bytes = |noise_seed| {
-        let mut progress = Progress::default();
-        let setup = pipeline::setup(&scene, None, Some(1400), &mut progress).unwrap();
-        let raster = Raster::new(setup.mesh.surface(), 16).unwrap();
+        let skin = skin(1400);
+        let raster = Raster::new(skin.mesh.surface(), 16).unwrap();
         let settings = MovieSettings { noise_seed, touches: 2, ..small() };
-        let movie = simulate(&scene, &settings, &raster, &mut progress).unwrap();
+        let movie = simulate(&skin, &settings, &raster, &mut Progress::default()).unwrap();
         assert_eq!(movie.frames.values.dim(), (12, 208));
         assert_eq!((movie.truth.dim(), movie.positions_m.len()), ((12, 16, 16), 12));
         assert!(movie.nodes > 1000 && movie.noise_std_v > 0.0);
@@ -157,23 +163,22 @@ fn noise_of_one_seed_scales() {
 /// Each frame is the forward solve of its own conductivity, also where frames share a solve.
 #[test]
 fn frames_are_forward_solves() {
-    let (scene, mut progress) = (scene(), Progress::default());
-    let setup = pipeline::setup(&scene, None, Some(1500), &mut progress).unwrap();
+    let skin = skin(1500);
     let place = [0.03, -0.02];
     let movie = TouchMovie {
         positions_m: vec![vec![], vec![place], vec![place], vec![], vec![place, [-0.05, 0.0]]],
         finger: Finger { sigma_m: 0.01, change: 2.0, ..Finger::default() },
         rate_hz: 8.0,
     };
-    let found = movie.voltages(&scene, &setup, &mut progress).unwrap();
+    let found = movie.voltages(&skin, &mut Progress::default()).unwrap();
     for (frame, fingers) in found.frames.rows().into_iter().zip(&movie.positions_m) {
         let sigma = |c: [f64; 3]| {
             let bell = |f: &[f64; 2]| (-distance([c[0], c[1]], *f).powi(2) / 2e-4).exp();
             1e-5 * (1.0 + 2.0 * fingers.iter().map(bell).sum::<f64>())
         };
         let conductivity: Vec<f64> =
-            setup.mesh.surface().centroids().into_iter().map(sigma).collect();
-        let wanted = setup.model.forward(&conductivity).unwrap();
+            skin.mesh.surface().centroids().into_iter().map(sigma).collect();
+        let wanted = skin.model.forward(&conductivity).unwrap();
         let largest = wanted.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
         // the same formula in another order: rounding of the conductivities
         assert!(frame.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-12 * largest));
@@ -185,14 +190,13 @@ fn frames_are_forward_solves() {
 
 #[test]
 fn truth_lies_where_the_fingers_are() {
-    let (scene, mut progress) = (scene(), Progress::default());
-    let setup = pipeline::setup(&scene, None, None, &mut progress).unwrap();
-    let raster = Raster::new(setup.mesh.surface(), 64).unwrap();
+    let skin = Skin::load("paper-disc").unwrap();
+    let raster = Raster::new(skin.mesh.surface(), 64).unwrap();
     let cells = Cells::of_raster(&raster);
     for touches in 1..=4 {
         let settings = MovieSettings { touches, step_m: FAST_M, frames: 20, ..small() };
-        let movie = TouchMovie::random(&scene, &settings).unwrap();
-        let truth = movie.truth(&scene, &raster);
+        let movie = TouchMovie::random(&skin.source, &settings).unwrap();
+        let truth = movie.truth(skin.conductivity_s, &raster);
         for (image, fingers) in truth.outer_iter().zip(&movie.positions_m) {
             assert!(image.iter().zip(raster.mask()).all(|(x, inside)| x.is_nan() != *inside));
             let mut pixels = vec![0.0; raster.masked_pixels().len()];
@@ -222,11 +226,11 @@ fn truth_lies_where_the_fingers_are() {
 
 #[test]
 fn movies_that_cannot_be_are_refused() {
-    let refused = |scene: &Scene, settings: MovieSettings, words: &str| {
-        let message = TouchMovie::random(scene, &settings).unwrap_err().to_string();
+    let refused = |source: &MeshSource, settings: MovieSettings, words: &str| {
+        let message = TouchMovie::random(source, &settings).unwrap_err().to_string();
         assert!(message.contains(words), "{message}");
     };
-    let disc = scene();
+    let disc = source();
     refused(&disc, MovieSettings { touches: 0, ..small() }, "1 to 4 touches, not 0");
     refused(&disc, MovieSettings { touches: 5, ..small() }, "1 to 4 touches, not 5");
     refused(&disc, MovieSettings { frames: 0, ..small() }, "frames, not 0");
@@ -246,11 +250,11 @@ fn movies_that_cannot_be_are_refused() {
     refused(&disc, MovieSettings { finger, touches: 2, ..small() }, "4 standard deviations");
     let ring = "shape = \"polygon\"\noutline = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]
         holes = [[[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]]]";
-    refused(&scene_of(ring, EIGHT), small(), "is not on the skin");
+    refused(&source_of(ring, EIGHT), small(), "is not on the skin");
     let bracket = "shape = \"polygon\"\noutline = [[0, 0], [0.2, 0], [0.2, 0.2], [0.0, 0.2],
         [0, 0.18], [0.18, 0.18], [0.18, 0.02], [0, 0.02]]";
-    refused(&scene_of(bracket, EIGHT), small(), "is not on the skin");
-    refused(&scene_of("shape = \"mesh\"\nfile = \"skin.msh\"", ""), small(), "not a mesh file");
+    refused(&source_of(bracket, EIGHT), small(), "is not on the skin");
+    refused(&source_of("shape = \"mesh\"\nfile = \"skin.msh\"", ""), small(), "not a mesh file");
     let voltages = voltages(&MovieSettings { frames: 1, ..small() });
     for std in [-1.0, f64::NAN, f64::INFINITY] {
         let message = voltages.with_noise(std, 1).err().unwrap().to_string();
@@ -261,9 +265,9 @@ fn movies_that_cannot_be_are_refused() {
 /// A rectangle's fingers play around its middle, within 0.8 of half its shorter side.
 #[test]
 fn other_skins_have_movies_too() {
-    let scene = scene_of("shape = \"rectangle\"\nwidth_m = 0.3\nheight_m = 0.2", EIGHT);
+    let source = source_of("shape = \"rectangle\"\nwidth_m = 0.3\nheight_m = 0.2", EIGHT);
     let settings = MovieSettings { touches: 4, ..small() };
-    let movie = TouchMovie::random(&scene, &settings).unwrap();
+    let movie = TouchMovie::random(&source, &settings).unwrap();
     for finger in movie.positions_m.iter().flatten() {
         assert!(distance(*finger, [0.0; 2]) <= 0.08 + 1e-15, "{finger:?}");
     }

@@ -7,9 +7,7 @@ use eit_fem::fabric::{
     Tip, TouchScript,
 };
 use eit_mesh::Raster;
-use eit_skin::Progress;
-use eit_skin::denoise::Chain;
-use eit_skin::pipeline::{self, Setup};
+use eit_skin::{Progress, Skin};
 use ndarray::{Array2, Array3};
 use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
 use rand_pcg::Pcg64Mcg;
@@ -70,14 +68,14 @@ const SCRIPTED: [Scripted; 8] = [
 
 /// All cases of the report.
 pub(super) fn sequences(
-    chain: &Chain,
+    skin: &Skin,
     quick: bool,
     progress: &mut Progress,
 ) -> Result<Vec<Sequence>, ReportError> {
-    let setup = pipeline::setup(&chain.scene, None, Some(NODES), progress)?;
-    let raster = Raster::new(setup.mesh.surface(), chain.raster.pixels())?;
-    let data = Data { setup, raster };
-    let circle = PlayCircle::of(&data.setup.mesh);
+    let skin = skin.with_nodes(NODES, progress)?;
+    let raster = Raster::new(skin.mesh.surface(), skin.pixels())?;
+    let data = Data { skin, raster };
+    let circle = PlayCircle::of(&data.skin.mesh);
     progress.steps("simulate", SCRIPTED.len() + 4, |bar| {
         let mut made = Vec::new();
         for case in &SCRIPTED {
@@ -85,14 +83,14 @@ pub(super) fn sequences(
             script.frames = script.frames.min(case.frames[usize::from(quick)]);
             let mut settings = FabricSettings::default();
             (case.fabric)(&mut settings);
-            let simulated = simulate(chain, &data, &script, (&settings, case.seed))?;
+            let simulated = simulate(&data, &script, (&settings, case.seed))?;
             made.push(Sequence { name: case.name, ..of(simulated, script.frames, true) });
             bar.inc();
         }
         let count = if quick { 30 } else { 150 };
         let quiet = silence(count);
         let settings = FabricSettings::default();
-        let simulated = simulate(chain, &data, &quiet, (&settings, 201))?;
+        let simulated = simulate(&data, &quiet, (&settings, 201))?;
         made.push(Sequence { name: "quiet skin", ..of(simulated, count, false) });
         bar.inc();
         let mut loose = FabricSettings::default();
@@ -100,14 +98,14 @@ pub(super) fn sequences(
         loose.instrument.loose_rate_hz = 2.0;
         loose.instrument.loose_time_s = 0.5;
         loose.instrument.open_factor = 3.0;
-        let simulated = simulate(chain, &data, &quiet, (&loose, 202))?;
+        let simulated = simulate(&data, &quiet, (&loose, 202))?;
         made.push(Sequence { name: "loose electrode", ..of(simulated, count, false) });
         bar.inc();
         let script = palm(&circle, count);
-        let simulated = simulate(chain, &data, &script, (&settings, 203))?;
+        let simulated = simulate(&data, &script, (&settings, 203))?;
         made.push(Sequence { name: "palm", ..of(simulated, count, false) });
         bar.inc();
-        made.push(cuts(chain, &data.setup, count)?);
+        made.push(cuts(&data.skin, count)?);
         bar.inc();
         Ok(made)
     })
@@ -115,20 +113,18 @@ pub(super) fn sequences(
 
 /// What simulates, and the pixels of its truth.
 struct Data {
-    setup: Setup,
+    skin: Skin,
     raster: Raster,
 }
 
 fn simulate(
-    chain: &Chain,
     data: &Data,
     script: &TouchScript,
     (settings, seed): (&FabricSettings, u64),
 ) -> Result<Simulation, ReportError> {
-    let (scene, Setup { mesh, protocol, .. }) = (&chain.scene, &data.setup);
-    let impedance = scene.contact_impedance(mesh.electrodes().len())?;
-    let sheet_s = scene.skin.conductivity_s;
-    let fabric = Fabric::new(mesh, protocol, sheet_s, &impedance, settings)?;
+    let skin = &data.skin;
+    let (sheet_s, impedance) = (skin.conductivity_s, &skin.contact_impedance);
+    let fabric = Fabric::new(&skin.mesh, &skin.protocol, sheet_s, impedance, settings)?;
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let how = SimulationSettings { seed, threads, keep_elements: false };
     Ok(fabric.simulate(script, &data.raster, &how, &mut |_| {})?)
@@ -174,18 +170,18 @@ fn palm(circle: &PlayCircle, frames: usize) -> TouchScript {
 }
 
 /// Discs in which the conductivity falls by four fifths, at a place of its own in each frame.
-fn cuts(chain: &Chain, data: &Setup, frames: usize) -> Result<Sequence, ReportError> {
+fn cuts(skin: &Skin, frames: usize) -> Result<Sequence, ReportError> {
     const RADIUS_M: f64 = 0.012;
-    let sheet_s = chain.scene.skin.conductivity_s;
-    let circle = PlayCircle::of(&data.mesh);
+    let sheet_s = skin.conductivity_s;
+    let circle = PlayCircle::of(&skin.mesh);
     let noise_v = FabricSettings::default().instrument.noise_v[1];
     let mut random = Pcg64Mcg::new(302);
-    let mut values = Array2::zeros((frames, data.protocol.measurements()));
+    let mut values = Array2::zeros((frames, skin.protocol.measurements()));
     for (frame, mut row) in values.rows_mut().into_iter().enumerate() {
         let mut uniform = || -> f64 { StandardUniform.sample(&mut random) };
         let (r, angle) = (0.7 * circle.radius_m * uniform().sqrt(), TAU * uniform());
         let place = [circle.centre_m[0] + r * angle.cos(), circle.centre_m[1] + r * angle.sin()];
-        let centroids = data.mesh.surface().centroids();
+        let centroids = skin.mesh.surface().centroids();
         let sigma: Vec<f64> = centroids
             .iter()
             .map(|c| {
@@ -193,7 +189,7 @@ fn cuts(chain: &Chain, data: &Setup, frames: usize) -> Result<Sequence, ReportEr
                 if inside && frame >= QUIET { 0.2 * sheet_s } else { sheet_s }
             })
             .collect();
-        let exact = data.model.forward(&sigma)?;
+        let exact = skin.model.forward(&sigma)?;
         for (value, exact) in row.iter_mut().zip(exact) {
             let normal: f64 = StandardNormal.sample(&mut random);
             *value = exact + noise_v * normal;

@@ -4,7 +4,8 @@ use super::judge::errors;
 use super::{QUIET, Shown};
 use crate::error::ReportError;
 use crate::output::OutFolder;
-use eit_picture::{FrameLabels, PictureSettings, Plot, Series, draw_plot, draw_sheet};
+use eit_picture::{FrameLabels, PictureSettings, Plot, Series, SkinDrawing, draw_plot, draw_sheet};
+use eit_skin::Progress;
 use eit_skin::denoise::Chain;
 use ndarray::Axis;
 
@@ -17,6 +18,7 @@ const WAYS: [usize; 2] = [0, 2];
 
 /// Draws and writes.
 pub(super) fn draw(shown: &[Shown], chain: &Chain, out: &mut OutFolder) -> Result<(), ReportError> {
+    let linearised = &chain.linearised;
     let (mut labels, mut images) = (Vec::new(), Vec::new());
     for (case, file) in shown.iter().zip(FILES) {
         let Some(truth) = &case.sequence.truth else { continue };
@@ -53,7 +55,10 @@ pub(super) fn draw(shown: &[Shown], chain: &Chain, out: &mut OutFolder) -> Resul
     }
     let stacked =
         ndarray::stack(Axis(0), &images).map_err(|e| ReportError::Failure(e.to_string()))?;
-    let skin = eit_picture::SkinDrawing::from_raster(&chain.setup.mesh, &chain.raster);
+    let skin = SkinDrawing::from_raster(
+        &linearised.skin.mesh,
+        linearised.raster(&mut Progress::silent())?,
+    );
     let settings = PictureSettings {
         title: "Truth, raw image, and what the U-net makes of it".to_owned(),
         footnote: format!("{}; held-out scripts of the simulated fabric", chain.method.words()),

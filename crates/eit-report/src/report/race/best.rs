@@ -1,15 +1,24 @@
 //! The best solver for a time that a frame may take, as a table.
 
-use eit_skin::plan::measured::{BUDGETS_S, Measured, best};
+use eit_skin::plan::measured::{BUDGETS_S, Budget, Measured, best};
 use serde_json::{Value, json};
 
-/// A line of the table: budget, for recordings or live, and the row.
-type Choice<'a> = (f64, bool, Option<&'a Measured>);
+/// A line of the table.
+struct Choice<'a> {
+    budget: Budget,
+    /// `None`: nothing is so fast.
+    row: Option<&'a Measured>,
+}
 
 /// The choices of a scene.
 fn choices(rows: &[Measured]) -> Vec<Choice<'_>> {
     let kinds = [false, true];
-    let of = |budget: f64| kinds.map(|live| (budget, live, best(rows.iter(), (budget, live))));
+    let of = |time_s: f64| {
+        kinds.map(|is_live| {
+            let budget = Budget { time_s, is_live };
+            Choice { budget, row: best(rows.iter(), budget) }
+        })
+    };
     BUDGETS_S.into_iter().flat_map(of).collect()
 }
 
@@ -18,9 +27,9 @@ pub(super) const HEAD: [&str; 8] =
 
 /// Cells of the choices of a scene under [`HEAD`].
 pub(super) fn cells(rows: &[Measured]) -> Vec<Vec<String>> {
-    let one = |(budget_s, live, row): Choice<'_>| {
-        let kind = if live { "live" } else { "recordings" };
-        let mut cells = vec![format!("{}", 1e3 * budget_s), kind.to_owned()];
+    let one = |Choice { budget, row }: Choice<'_>| {
+        let kind = if budget.is_live { "live" } else { "recordings" };
+        let mut cells = vec![format!("{}", 1e3 * budget.time_s), kind.to_owned()];
         match row {
             Some(row) => cells.extend([
                 row.label(),
@@ -42,6 +51,6 @@ pub(super) fn cells(rows: &[Measured]) -> Vec<Vec<String>> {
 
 /// For programs.
 pub(super) fn json(rows: &[Measured]) -> Value {
-    let one = |(budget_s, live, row): &Choice<'_>| json!({"budget_s": budget_s, "live": live, "choice": row});
+    let one = |Choice { budget, row }: &Choice<'_>| json!({"budget_s": budget.time_s, "live": budget.is_live, "choice": row});
     choices(rows).iter().map(one).collect()
 }

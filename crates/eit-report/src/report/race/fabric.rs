@@ -9,7 +9,6 @@ use eit_fem::fabric::{Fabric, FabricSettings, PlayCircle, SimulationSettings, To
 use eit_mesh::Raster;
 use eit_skin::Progress;
 use eit_skin::frames::Frames;
-use eit_skin::pipeline;
 use ndarray::{Array2, Axis, Slice};
 
 /// Scripts, what they are called here, and seeds that no training has.
@@ -28,17 +27,15 @@ pub(super) fn recording(
     size: &Size,
     progress: &mut Progress,
 ) -> Result<Recording, ReportError> {
-    let scene = &judge.scene;
-    let setup = pipeline::setup(scene, None, Some(NODES), progress)?;
-    let raster = Raster::new(setup.mesh.surface(), judge.raster.pixels())?;
-    let mut script = TouchScript::built_in(script, &PlayCircle::of(&setup.mesh), seed)?;
+    let skin = judge.skin().with_nodes(NODES, progress)?;
+    let raster = Raster::new(skin.mesh.surface(), judge.raster.pixels())?;
+    let mut script = TouchScript::built_in(script, &PlayCircle::of(&skin.mesh), seed)?;
     let quiet = script.quiet_frames;
     let first = quiet + ARRIVAL;
     script.frames = script.frames.min(first + size.frames);
-    let impedance = scene.contact_impedance(setup.mesh.electrodes().len())?;
-    let sheet_s = scene.skin.conductivity_s;
+    let (sheet_s, impedance) = (skin.conductivity_s, &skin.contact_impedance);
     let settings = FabricSettings::default();
-    let fabric = Fabric::new(&setup.mesh, &setup.protocol, sheet_s, &impedance, &settings)?;
+    let fabric = Fabric::new(&skin.mesh, &skin.protocol, sheet_s, impedance, &settings)?;
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let how = SimulationSettings { seed, threads, keep_elements: false };
     let made = progress.steps("simulate", script.frames, |bar| {
@@ -69,7 +66,7 @@ pub(super) fn recording(
     };
     // the masks of the two meshes may differ by a pixel of the rim
     let truth = change.mapv(|value| if value.is_finite() { value } else { 0.0 });
-    let nodes = setup.mesh.surface().nodes().len();
+    let nodes = skin.mesh.surface().nodes().len();
     let pixels = judge.pixels_of(truth.view())?;
     let simulated = Simulated { frames, truth, positions_m, noise_std_v, nodes };
     Ok(Recording { shape, simulated, truth: pixels })

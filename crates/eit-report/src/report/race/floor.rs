@@ -18,9 +18,9 @@ pub(super) struct Floors {
 
 /// Independent measurements at most: reciprocity leaves so many.
 fn rank(bench: &Bench) -> f64 {
-    let electrodes = bench.setup.protocol.electrodes() as f64;
-    let products = bench.setup.model.cost().field_products as f64;
-    let measurements = bench.setup.protocol.measurements() as f64;
+    let electrodes = bench.skin().protocol.electrodes() as f64;
+    let products = bench.skin().model.cost().field_products as f64;
+    let measurements = bench.skin().protocol.measurements() as f64;
     measurements.min(products).min(0.5 * electrodes * (electrodes - 1.0))
 }
 
@@ -42,21 +42,21 @@ impl Floors {
     /// One image by two thin factors of the reconstruction matrix, of this rank.
     pub fn one_step(&self, bench: &Bench, rank: usize) -> f64 {
         let pixels = bench.raster.masked_pixels().len() as f64;
-        let entries = rank as f64 * (bench.setup.protocol.measurements() as f64 + pixels);
+        let entries = rank as f64 * (bench.skin().protocol.measurements() as f64 + pixels);
         self.machine.floor_s(2.0 * entries, 8.0 * entries)
     }
 
     /// The same on elements, so many frames at once, a frame.
     pub fn on_elements(&self, bench: &Bench, (rank, frames): (usize, usize)) -> f64 {
-        let elements = bench.setup.model.elements() as f64;
-        let entries = rank as f64 * (bench.setup.protocol.measurements() as f64 + elements);
+        let elements = bench.skin().model.elements() as f64;
+        let entries = rank as f64 * (bench.skin().protocol.measurements() as f64 + elements);
         self.machine.floor_s(2.0 * entries, 8.0 * entries / frames as f64)
     }
 
     /// Steps of the absolute method: model, Jacobian, and its normal equations.
     pub fn absolute(&self, bench: &Bench, steps: f64) -> f64 {
-        let (m, n) = (bench.setup.protocol.measurements(), bench.setup.model.elements());
-        let solve = self.forward(&bench.setup.model.cost(), [m, n]);
+        let (m, n) = (bench.skin().protocol.measurements(), bench.skin().model.elements());
+        let solve = self.forward(&bench.skin().model.cost(), [m, n]);
         let [m, n] = [m, n].map(|count| count as f64);
         steps * (solve + self.machine.floor_s(m * m * n + m * m * m / 3.0, 8.0 * m * n))
     }

@@ -10,7 +10,7 @@ use crate::simulate::{FingerShape, simulate};
 use eit_skin::Progress;
 use eit_skin::denoise::Net;
 use eit_skin::plan::measured::Measured;
-use eit_skin::scene::Scene;
+use eit_skin::scene::DenoiseSettings;
 
 /// Everything about the images of a scene.
 pub(super) struct Findings {
@@ -31,7 +31,6 @@ pub(super) fn findings(
     How { args, size, floors, stop }: &How<'_>,
     progress: &mut Progress,
 ) -> Result<Option<Findings>, ReportError> {
-    let scene = Scene::load(case.skin.scene)?;
     let mut silent = Progress::silent();
     let benches: Vec<Bench> = size
         .pixels
@@ -40,7 +39,7 @@ pub(super) fn findings(
         .collect::<Result<_, _>>()?;
     let judge = &benches[benches.len() - 1];
     // nets know the fabric: on other fingers they are judged by --denoise
-    let nets = if case.is_fabric { nets(&scene, judge, &args.weights)? } else { Vec::new() };
+    let nets = if case.is_fabric { nets(judge, &args.weights)? } else { Vec::new() };
     let (mut courses, mut failures, mut recordings) = (Vec::new(), Vec::new(), Vec::new());
     let recorded_now =
         if args.plans { Vec::new() } else { recorded((case, 0), judge, size, progress)? };
@@ -84,7 +83,7 @@ pub(super) fn findings(
         frames,
         if case.is_still { "" } else { "s" },
         shown.simulated.nodes,
-        judge.setup.mesh.surface().nodes().len(),
+        judge.skin().mesh.surface().nodes().len(),
         pixels = judge.raster.pixels(),
     );
     let pictures = plots::draw(case, (&rows, &note), judge, (&recordings, &courses))?;
@@ -110,7 +109,7 @@ fn recorded(
     }
     let of = |(shape, finger): (&'static str, FingerShape)| {
         let settings = case.movie(finger, size.frames, take);
-        let simulated = simulate(&judge.scene, &settings, &judge.raster, progress)?;
+        let simulated = simulate(judge.skin(), &settings, &judge.raster, progress)?;
         let truth = judge.pixels_of(simulated.truth.view())?;
         Ok(Recording { shape, simulated, truth })
     };
@@ -119,10 +118,11 @@ fn recorded(
 
 /// The nets among `names` that were trained for this skin and raster. That the default one is for
 /// another skin is no error; that one which was asked for is, is told by its absence.
-fn nets(scene: &Scene, judge: &Bench, names: &[String]) -> Result<Vec<(String, Net)>, ReportError> {
+fn nets(judge: &Bench, names: &[String]) -> Result<Vec<(String, Net)>, ReportError> {
     let mut nets = Vec::new();
     for name in names {
-        match Net::load(scene, name, judge.raster.pixels(), false) {
+        let settings = DenoiseSettings { weights: name.clone(), any_skin: false };
+        match Net::load(&settings, &judge.skin().net_target()) {
             Ok(net) => nets.push((net_name(name), net)),
             Err(error) if name != "default" && !std::path::Path::new(name).exists() => {
                 return Err(error.into());

@@ -14,10 +14,10 @@ use super::point::{Course, Point, Solver, Spread};
 use super::{Recording, Size};
 use crate::error::ReportError;
 use eit_inverse::SequenceStatus;
-use eit_skin::StopFlag;
 use eit_skin::denoise::Net;
 use eit_skin::method::Method;
-use eit_skin::scene::Rule;
+use eit_skin::scene::{ReconstructionSettings, Rule};
+use eit_skin::{FittedFrames, StopFlag};
 use ndarray::{Array2, Array3, ArrayView2};
 use std::path::Path;
 
@@ -140,13 +140,15 @@ impl Lane<'_> {
         &self.benches[self.benches.len() - 1]
     }
 
-    fn entry<'a>(
-        &self,
-        bench: &'a Bench,
-        (entrant, rule): (Entrant, Rule),
-    ) -> Result<Entry<'a>, ReportError> {
+    /// The recording with its noise, for a method with a rule for its hyperparameter.
+    fn fitted(&self, bench: &Bench, entrant: Entrant, rule: Rule) -> FittedFrames {
+        self.with_settings(bench, entrant.settings(bench, rule))
+    }
+
+    /// The recording with its noise, to be reconstructed with these settings.
+    fn with_settings(&self, bench: &Bench, settings: ReconstructionSettings) -> FittedFrames {
         let Recording { simulated, .. } = self.recording;
-        Entry::new(bench, (entrant, rule), &simulated.frames, simulated.noise_std_v)
+        bench.fitted(&simulated.frames, simulated.noise_std_v, settings)
     }
 
     /// A movie of another raster on that of the judge.

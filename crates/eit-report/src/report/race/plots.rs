@@ -169,7 +169,7 @@ fn sheet(
     let stacked =
         ndarray::stack(Axis(0), &rows).map_err(|e| ReportError::Failure(e.to_string()))?;
     let images = judge.raster.images_from_pixels(stacked.view())?;
-    let skin = eit_picture::SkinDrawing::from_raster(&judge.setup.mesh, &judge.raster);
+    let skin = eit_picture::SkinDrawing::from_raster(&judge.skin().mesh, &judge.raster);
     let settings = PictureSettings {
         title: format!("Frame {frame} by every solver"),
         footnote: note.to_owned(),

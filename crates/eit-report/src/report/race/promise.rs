@@ -1,18 +1,17 @@
 //! What `eit plan` promises of a scene beside what was measured.
 
-use super::super::bench::{Bench, Entrant, Entry};
+use super::super::bench::{Bench, Entrant, Entry, Sequence as Images};
 use super::super::scores::{Scores, Truth};
 use super::Recording;
 use super::floor::Floors;
 use crate::error::ReportError;
 use eit_inverse::Differences;
-use eit_skin::Progress;
 use eit_skin::method::{self, Method};
-use eit_skin::pipeline::{self, tv};
 use eit_skin::plan::expected::Expected;
 use eit_skin::plan::sequence::Sequence;
 use eit_skin::plan::stages;
-use eit_skin::scene::{DenoiseSettings, Rule, Scene};
+use eit_skin::scene::{DenoiseSettings, Rule};
+use eit_skin::{Progress, Skin, total_variation as tv};
 use ndarray::Array2;
 use std::time::Instant;
 
@@ -40,33 +39,32 @@ pub(super) fn of(
     floors: &Floors,
 ) -> Result<Vec<Promise>, ReportError> {
     let Some(first) = recordings.first() else { return Ok(Vec::new()) };
-    let mut scene = bench.scene.clone();
-    scene.noise.additive_v = Some(first.simulated.noise_std_v);
+    let mut skin = bench.skin().clone();
+    skin.settings.noise.additive_v = Some(first.simulated.noise_std_v);
     if is_fabric {
         let weights = "default".to_owned();
-        scene.denoise = Some(DenoiseSettings { weights, any_skin: false });
+        skin.settings.denoise = Some(DenoiseSettings { weights, any_skin: false });
     }
-    let own = method::choose(&scene, None, Some(first.truth.nrows()))?.method;
+    let own = method::choose(&skin.settings, None, Some(first.truth.nrows()))?.method;
     let methods = [own, Method::GaussNewton];
-    methods.into_iter().map(|method| one(&scene, bench, (method, recordings), floors)).collect()
+    methods.into_iter().map(|method| one(&skin, bench, (method, recordings), floors)).collect()
 }
 
 fn one(
-    scene: &Scene,
+    skin: &Skin,
     bench: &Bench,
     (method, recordings): (Method, &[Recording]),
     floors: &Floors,
 ) -> Result<Promise, ReportError> {
     let measured: Vec<Measured> = recordings
         .iter()
-        .map(|recording| measure(scene, bench, (method, recording)))
+        .map(|recording| measure(skin, bench, (method, recording)))
         .collect::<Result<_, _>>()?;
     let frames = recordings.first().map_or(0, |recording| recording.truth.nrows());
     let (voltages, machine) = (bench.linearised.voltages.to_vec(), &floors.machine);
-    let images = (method, Some(frames));
-    let expected = Expected::of(scene, &bench.setup, images, &voltages, machine)?;
-    let row = (machine, expected.row.as_ref());
-    let planned = stages::of(scene, &bench.setup, (method, Sequence::Frames(frames)), row);
+    let expected = Expected::of(skin, method, Some(frames), &voltages, machine)?;
+    let row = expected.row.as_ref();
+    let planned = stages::of(skin, method, Sequence::Frames(frames), machine, row);
     let count = measured.len() as f64;
     let both = planned.iter().filter_map(|stage| {
         let of = |m: &Measured| m.times.iter().find(|(name, _)| *name == stage.name).map(|t| t.1);
@@ -98,27 +96,26 @@ fn median_s<T>(mut run: impl FnMut() -> Result<T, ReportError>) -> Result<(T, f6
 }
 
 fn measure(
-    scene: &Scene,
+    skin: &Skin,
     bench: &Bench,
     (method, recording): (Method, &Recording),
 ) -> Result<Measured, ReportError> {
-    let setup = &bench.setup;
-    let (_, mesh_s) = median_s(|| Ok(scene.mesh(None)?.build()?))?;
-    let background = vec![scene.skin.conductivity_s; setup.model.elements()];
-    let mut workspace = setup.model.workspace()?;
+    let (_, mesh_s) = median_s(|| Ok(skin.source.build()?))?;
+    let background = skin.background_s();
+    let mut workspace = skin.model.workspace()?;
     let (_, forward_s) = median_s(|| {
-        let solution = setup.model.solve(&background, &mut workspace)?;
+        let solution = skin.model.solve(&background, &mut workspace)?;
         Ok(solution.measurements())
     })?;
     let (_, both_s) = median_s(|| {
-        let mut solution = setup.model.solve(&background, &mut workspace)?;
+        let mut solution = skin.model.solve(&background, &mut workspace)?;
         Ok((solution.measurements(), solution.jacobian()))
     })?;
     let mut times =
         vec![("mesh", mesh_s), ("forward", forward_s), ("Jacobian", both_s - forward_s)];
     let movie = match method.is_tv() {
-        true => total_variation(scene, bench, (method, recording), &mut times)?,
-        false => one_step(scene, bench, recording, &mut times)?,
+        true => total_variation(bench, (method, recording), &mut times)?,
+        false => one_step(skin, bench, recording, &mut times)?,
     };
     let positions_m = &recording.simulated.positions_m;
     let truth = Truth { pixels: &recording.truth, positions_m };
@@ -129,16 +126,16 @@ fn measure(
 type Times = Vec<(&'static str, f64)>;
 
 fn total_variation(
-    scene: &Scene,
     bench: &Bench,
     (method, recording): (Method, &Recording),
     times: &mut Times,
 ) -> Result<Array2<f64>, ReportError> {
+    let keys = &bench.skin().settings.reconstruction;
+    let entrant = Entrant { method, lower_s: keys.lower_s };
     let simulated = &recording.simulated;
-    let entrant = Entrant { method, lower_s: scene.reconstruction.lower_s };
-    let build = || {
-        Entry::new(bench, (entrant, Rule::NoiseFigure), &simulated.frames, simulated.noise_std_v)
-    };
+    let settings = entrant.settings(bench, Rule::NoiseFigure);
+    let fitted = bench.fitted(&simulated.frames, simulated.noise_std_v, settings);
+    let build = || Entry::new(bench, &fitted, method);
     let (mut set_up, mut choice) = (Vec::new(), Vec::new());
     let mut entry = build()?;
     for k in 0..REPEATS {
@@ -148,10 +145,10 @@ fn total_variation(
         set_up.push(entry.set_up_s);
         choice.push(entry.choice_s);
     }
-    let values = simulated.frames.differences(bench.kind());
+    let values = fitted.differences();
     let differences = Differences::all_good(values.view());
-    let stop = tv::stop(&scene.reconstruction);
-    let ((movie, report), solve_s) = median_s(|| entry.run(&differences, &stop))?;
+    let stop = tv::stop(keys);
+    let (Images { pixels: movie, report }, solve_s) = median_s(|| entry.run(&differences, &stop))?;
     let middle = |mut seconds: Vec<f64>| {
         seconds.sort_by(f64::total_cmp);
         seconds[seconds.len() / 2]
@@ -166,16 +163,16 @@ fn total_variation(
 }
 
 fn one_step(
-    scene: &Scene,
+    skin: &Skin,
     bench: &Bench,
     recording: &Recording,
     times: &mut Times,
 ) -> Result<Array2<f64>, ReportError> {
     let frames = &recording.simulated.frames;
-    let mut silent = Progress::silent();
-    let (imaging, matrix_s) = median_s(|| {
-        Ok(pipeline::imaging(scene, &bench.setup, &bench.linearised, frames, &mut silent)?)
-    })?;
+    // the noise that the plan was told: the first recording's
+    let noise_std_v = skin.settings.noise.additive_v.unwrap_or(recording.simulated.noise_std_v);
+    let fitted = bench.fitted(frames, noise_std_v, skin.settings.reconstruction.clone());
+    let (imaging, matrix_s) = median_s(|| Ok(fitted.one_step(&mut Progress::silent())?))?;
     let reconstructor = imaging.difference.on_raster(bench.raster.pixel_from_element())?;
     let mut memory = reconstructor.workspace();
     let mut movie = Array2::zeros((frames.values.nrows(), reconstructor.image_len()));

@@ -12,11 +12,10 @@ use eit_fem::fabric::{
 use eit_inverse::metrics::{Cells, TouchSettings, artefact_energy, touch_position_errors_m};
 use eit_inverse::touch::Touch;
 use eit_mesh::Raster;
-use eit_skin::Progress;
-use eit_skin::denoise::{Chain, Chained};
+use eit_skin::denoise::{Chain, Chained, Lengths};
 use eit_skin::method::Method;
-use eit_skin::pipeline;
-use eit_skin::scene::Scene;
+use eit_skin::touches::touches;
+use eit_skin::{Progress, Skin};
 use ndarray::{ArrayView2, Axis};
 
 /// How far electrodes are said to move: in these scripts it is 0.7 mm at most, root mean square along
@@ -77,12 +76,13 @@ pub(super) fn table(
             let key = movement_m.map_or("-".to_owned(), |m| format!("{} mm", 1e3 * m));
             for method in METHODS {
                 let chain = chain(lab, method, movement_m, &shown.script)?;
-                let made = chain.reconstruct(&shown.made.frames_v)?;
+                let mut made = chain.reconstruct(&shown.made.frames_v)?;
+                made.fitted.frames.rate_hz = Some(shown.script.frame_rate_hz);
                 let label = [case.name, method.name(), &key].map(Cell::text);
                 rows.push([label.to_vec(), shown.judge_images(&chain, &made)?].concat());
                 if method == Method::GaussNewton {
                     let label = [case.name, "touches", &key].map(Cell::text);
-                    rows.push([label.to_vec(), shown.judge_touches(&chain, &made)?].concat());
+                    rows.push([label.to_vec(), shown.judge_touches(&made)?].concat());
                 }
                 bar.inc();
             }
@@ -130,12 +130,10 @@ fn chain(
     movement_m: Option<f64>,
     script: &TouchScript,
 ) -> Result<Chain, ReportError> {
-    let mut scene: Scene = lab.bench.scene.clone();
-    scene.reconstruction.electrode_movement_m = movement_m;
-    let lengths = Some((script.frames, script.quiet_frames));
-    let mut chain = Chain::new(&scene, Some(method.name()), lengths, &mut Progress::silent())?;
-    chain.scene.recording.frame_rate_hz = Some(script.frame_rate_hz);
-    Ok(chain)
+    let mut skin: Skin = lab.bench.skin().clone();
+    skin.settings.reconstruction.electrode_movement_m = movement_m;
+    let lengths = Some(Lengths { frames: script.frames, quiet: script.quiet_frames });
+    Ok(Chain::new(skin, Some(method.name()), lengths, &mut Progress::silent())?)
 }
 
 /// A simulated recording.
@@ -153,8 +151,8 @@ impl Shown {
         if case.rigid {
             settings.rim = Rim { compliance: 0.0, contact_gain: 0.0 };
         }
-        let impedance = lab.bench.scene.contact_impedance(mesh.electrodes().len())?;
-        let fabric = Fabric::new(mesh, protocol, lab.sheet_s(), &impedance, &settings)?;
+        let fabric =
+            Fabric::new(mesh, protocol, lab.sheet_s(), &lab.data.contact_impedance, &settings)?;
         let raster = Raster::new(mesh.surface(), lab.bench.raster.pixels())?;
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let how = SimulationSettings { seed: case.seed, threads, keep_elements: false };
@@ -176,11 +174,12 @@ impl Shown {
 
     /// Cells of a row about images.
     fn judge_images(&self, chain: &Chain, made: &Chained) -> Result<Vec<Cell>, ReportError> {
-        let cells = Cells::of_raster(&chain.raster);
+        let raster = chain.linearised.raster(&mut Progress::silent())?;
+        let cells = Cells::of_raster(raster);
         let settings = TouchSettings { within_m: WITHIN_M, ..Default::default() };
         let (mut away, mut contrast, mut errors_m) = (Vec::new(), Vec::new(), Vec::new());
         let (mut fingers, mut invented, mut frames) = (0, 0, 0);
-        let mut pixels = vec![0.0; chain.raster.masked_pixels().len()];
+        let mut pixels = vec![0.0; raster.masked_pixels().len()];
         for frame in self.script.quiet_frames..self.script.frames {
             let present = self.present(frame);
             if present.is_empty() || present.iter().any(|finger| !finger.2) {
@@ -188,7 +187,7 @@ impl Shown {
             }
             let places: Vec<[f64; 2]> = present.iter().map(|finger| finger.1).collect();
             let image = made.images.index_axis(Axis(0), frame);
-            chain.raster.pixels_from_image_into(image, &mut pixels)?;
+            raster.pixels_from_image_into(image, &mut pixels)?;
             away.extend(artefact_energy(&pixels, &cells, &places, WITHIN_M)?);
             let found = touch_position_errors_m(&pixels, &cells, &places, &settings)?;
             (fingers, frames) = (fingers + places.len(), frames + 1);
@@ -196,7 +195,7 @@ impl Shown {
             errors_m.extend(found.errors_m.into_iter().flatten());
             let truth = &self.made.truth.conductivity_change_s;
             let truth = truth.index_axis(Axis(0), frame);
-            let [image, truth] = [image, truth].map(|image| near(&chain.raster, image, &places));
+            let [image, truth] = [image, truth].map(|image| near(raster, image, &places));
             contrast.push(image / truth);
         }
         let part = |count: usize, of: usize| count as f64 / of as f64;
@@ -211,10 +210,8 @@ impl Shown {
     }
 
     /// Cells of a row about touches.
-    fn judge_touches(&self, chain: &Chain, made: &Chained) -> Result<Vec<Cell>, ReportError> {
-        let (models, given) = ((&chain.setup, &chain.linearised), (&made.frames, made.gain));
-        let mut silent = Progress::silent();
-        let found = pipeline::touches::touches(&chain.scene, models, given, None, &mut silent)?;
+    fn judge_touches(&self, made: &Chained) -> Result<Vec<Cell>, ReportError> {
+        let found = touches(&made.fitted, None, &mut Progress::silent())?;
         let Some(found) = found else {
             return Err(ReportError::Failure(
                 "the noise of simulated frames is unknown".to_owned(),
@@ -222,8 +219,8 @@ impl Shown {
         };
         let mut tally = Tally::default();
         for frame in self.script.quiet_frames..self.script.frames {
-            let of_frame = found.rows.iter().filter(|row| row.0 == frame);
-            let touches: Vec<Touch> = of_frame.map(|row| row.2).collect();
+            let of_frame = found.rows.iter().filter(|row| row.frame == frame);
+            let touches: Vec<Touch> = of_frame.map(|row| row.touch).collect();
             tally.add(&self.present(frame), &touches);
         }
         Ok(vec![

@@ -10,8 +10,9 @@ use eit_inverse::{
     Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget, Reconstructor, StTv, Stop,
     Workspace,
 };
+use eit_skin::Skin;
 use eit_skin::method::Method;
-use eit_skin::pipeline::{self, Setup};
+use eit_skin::one_step::DEFAULT_NOISE_FIGURE;
 use eit_skin::scene::Rule;
 use ndarray::{Array2, ArrayView1};
 
@@ -45,13 +46,13 @@ impl<'a> Eyes<'a> {
     }
 
     /// For a noise level and a mesh to fit on.
-    pub fn fitting_on(lab: &'a Lab, noise_db: f64, setup: &'a Setup) -> Result<Self, ReportError> {
+    pub fn fitting_on(lab: &'a Lab, noise_db: f64, skin: &'a Skin) -> Result<Self, ReportError> {
         let noise_std_v = lab.noise_std_v(noise_db);
         let (one_step, floor) = one_step(lab, noise_std_v)?;
         let stream = TouchStream::new(lab.cells.clone(), floor, every_image_alone())?;
-        let sheet = vec![lab.sheet_s(); setup.model.elements()];
+        let sheet = skin.background_s();
         let settings = FitSettings::with_noise(vec![noise_std_v; lab.reference_v.len()]);
-        let fit = TouchFit::new(&setup.model, setup.mesh.surface(), &sheet, settings)?;
+        let fit = TouchFit::new(&skin.model, skin.mesh.surface(), &sheet, settings)?;
         Ok(Self {
             workspace: one_step.workspace(),
             pixels: vec![0.0; one_step.image_len()],
@@ -146,15 +147,15 @@ pub(super) fn one_step(
     noise_std_v: f64,
 ) -> Result<(Reconstructor, NoiseFloor), ReportError> {
     let bench = &lab.bench;
-    let data = pipeline::difference_data(bench.kind(), &bench.linearised);
+    let data = bench.linearised.difference_data();
     let noise_std = data.noise_std(&vec![noise_std_v; lab.reference_v.len()])?;
     let settings =
         DifferenceSettings { data, noise_std: Some(noise_std.clone()), ..Default::default() };
     let mut difference =
         Difference::new(&bench.linearised.jacobian, bench.prior.as_ref(), settings)?;
-    let surface = bench.setup.mesh.surface();
+    let surface = bench.skin().mesh.surface();
     let target = NoiseTarget::central(surface, &bench.linearised.jacobian)?;
-    let figure = pipeline::DEFAULT_NOISE_FIGURE;
+    let figure = DEFAULT_NOISE_FIGURE;
     difference
         .choose_hyperparameter(&HyperparameterChoice::NoiseFigure { figure, target: &target })?;
     let reconstructor = difference.on_raster(bench.raster.pixel_from_element())?;
@@ -171,7 +172,9 @@ pub(super) fn total_variation(
 ) -> Result<StTv, ReportError> {
     let entrant = Entrant { method: Method::StTv, lower_s: Some(0.0) };
     let frames = lab.frames(frames, reference);
-    let entry = Entry::new(&lab.bench, (entrant, Rule::Gcv), &frames, noise_std_v)?;
+    let settings = entrant.settings(&lab.bench, Rule::Gcv);
+    let fitted = lab.bench.fitted(&frames, noise_std_v, settings);
+    let entry = Entry::new(&lab.bench, &fitted, entrant.method)?;
     entry.into_tv().ok_or_else(|| ReportError::Failure("st-tv works on pixels".to_owned()))
 }
 

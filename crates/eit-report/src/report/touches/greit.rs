@@ -32,24 +32,25 @@ pub(super) fn table(
     let finger = Finger { shape: FingerShape::Bell, sigma_m: 0.01, change: 0.3 };
     let mut rows = Vec::new();
     for &part in grid.greit_radii {
-        let r = part * lab.radius_m();
+        let r = part * lab.radius_m;
         let place = [r * f64::cos(ANGLE), r * f64::sin(ANGLE)];
         let positions_m = vec![vec![place]; FRAMES];
         let movie = TouchMovie { positions_m, finger, rate_hz: 10.0 };
         let mut silent = Progress::silent();
-        let voltages = movie.voltages(&bench.scene, &lab.data, &mut silent)?;
-        let pixels = bench.pixels_of(movie.truth(&bench.scene, &bench.raster).view())?;
+        let voltages = movie.voltages(&lab.data, &mut silent)?;
+        let pixels = bench.pixels_of(movie.truth(lab.sheet_s(), &bench.raster).view())?;
         let truth = Truth { pixels: &pixels, positions_m: &movie.positions_m };
         let noise_std_v = voltages.noise_std_v(NOISE_DB);
         let frames = voltages.with_noise(noise_std_v, 1)?;
         let values = frames.differences(bench.kind());
         let differences = Differences::all_good(values.view());
         for entrant in &ENTRANTS[..METHODS] {
-            let rule = Rule::NoiseFigure;
-            let mut entry = Entry::new(bench, (*entrant, rule), &frames, noise_std_v)?;
+            let settings = entrant.settings(bench, Rule::NoiseFigure);
+            let fitted = bench.fitted(&frames, noise_std_v, settings);
+            let mut entry = Entry::new(bench, &fitted, entrant.method)?;
             let stop = Stop { target_gap: TARGET_GAP, ..Default::default() };
-            let (found, _) = entry.run(&differences, &stop)?;
-            let scores = Scores::new(bench, found.view(), &truth)?;
+            let found = entry.run(&differences, &stop)?;
+            let scores = Scores::new(bench, found.pixels.view(), &truth)?;
             bar.inc();
             let Some(greit) = scores.greit else { continue };
             rows.push(vec![
@@ -82,5 +83,5 @@ pub(super) fn table(
 
 /// Resolution of the true bell: it is above a quarter of its peak within `sigma sqrt(2 ln 4)`.
 fn truth_resolution(lab: &Lab) -> f64 {
-    super::lab::RADIUS_M * (2.0 * 4.0_f64.ln()).sqrt() / lab.radius_m()
+    super::lab::RADIUS_M * (2.0 * 4.0_f64.ln()).sqrt() / lab.radius_m
 }

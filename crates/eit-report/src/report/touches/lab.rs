@@ -4,9 +4,10 @@ use super::super::bench::Bench;
 use crate::error::ReportError;
 use eit_inverse::metrics::Cells;
 use eit_inverse::touch::Bell;
-use eit_skin::Progress;
+use eit_mesh::SkinShape;
 use eit_skin::frames::Frames;
-use eit_skin::pipeline::{self, Setup};
+use eit_skin::scene::MeshSource;
+use eit_skin::{Progress, Skin};
 use ndarray::Array2;
 use rand_distr::Distribution as _;
 
@@ -30,9 +31,11 @@ pub(super) struct Lab {
     /// What reconstructs: 2 000 nodes.
     pub bench: Bench,
     /// What makes the data.
-    pub data: Setup,
+    pub data: Skin,
     /// What fits where noise is small.
-    pub fine_fit: Setup,
+    pub fine_fit: Skin,
+    /// Radius of the skin, metres.
+    pub radius_m: f64,
     /// The pixels in space.
     pub cells: Cells<3>,
     /// Quiet frames that the noise of ST-TV images is measured on, 20 or more.
@@ -48,27 +51,24 @@ impl Lab {
         progress: &mut Progress,
     ) -> Result<Self, ReportError> {
         let bench = Bench::new(pixels, progress)?;
-        let data = pipeline::setup(&bench.scene, None, Some(DATA_NODES), progress)?;
-        let fine_fit = pipeline::setup(&bench.scene, None, Some(FINE_FIT_NODES), progress)?;
-        let sheet = vec![bench.scene.skin.conductivity_s; data.model.elements()];
-        let reference_v = data.model.forward(&sheet)?.to_vec();
-        let cells = Cells::of_raster_on(&bench.raster, bench.setup.mesh.surface())?;
-        Ok(Self { bench, data, fine_fit, cells, quiet, reference_v })
-    }
-
-    /// Radius of the skin, metres.
-    pub fn radius_m(&self) -> f64 {
-        self.bench.scene.skin.radius_m.unwrap_or(0.1)
+        let data = bench.skin().with_nodes(DATA_NODES, progress)?;
+        let fine_fit = bench.skin().with_nodes(FINE_FIT_NODES, progress)?;
+        let reference_v = data.model.forward(&data.background_s())?.to_vec();
+        let cells = Cells::of_raster_on(&bench.raster, bench.skin().mesh.surface())?;
+        let MeshSource::Generated { shape: SkinShape::Disc { radius_m }, .. } = data.source else {
+            return Err(ReportError::Failure("touch figures are those of a disc".to_owned()));
+        };
+        Ok(Self { bench, data, fine_fit, radius_m, cells, quiet, reference_v })
     }
 
     /// The mesh to fit on at a noise level.
-    pub fn fitting(&self, noise_db: f64) -> &Setup {
-        if noise_db >= FINE_FIT_DB { &self.fine_fit } else { &self.bench.setup }
+    pub fn fitting(&self, noise_db: f64) -> &Skin {
+        if noise_db >= FINE_FIT_DB { &self.fine_fit } else { self.bench.skin() }
     }
 
     /// Sheet conductivity, siemens.
     pub fn sheet_s(&self) -> f64 {
-        self.bench.scene.skin.conductivity_s
+        self.data.conductivity_s
     }
 
     /// Standard deviation of a difference's noise, volt: so many decibel below the root mean square

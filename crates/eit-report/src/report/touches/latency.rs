@@ -71,7 +71,7 @@ struct Run {
 fn circle(lab: &Lab) -> Result<Vec<Vec<f64>>, ReportError> {
     let at = |k: usize| {
         let angle = TAU * k as f64 / AROUND as f64;
-        let r = 0.5 * lab.radius_m();
+        let r = 0.5 * lab.radius_m;
         [1.0, -1.0].map(|s| bell([s * r * angle.cos(), s * r * angle.sin()]))
     };
     (0..AROUND).map(|k| lab.voltages(&at(k))).collect()

@@ -164,11 +164,11 @@ pub(super) fn simulate(
     settings: &FabricSettings,
     script: &TouchScript,
 ) -> Result<(Array2<f64>, Vec<f64>), ReportError> {
-    let setup = &lab.data;
-    let impedance = lab.bench.scene.contact_impedance(setup.mesh.electrodes().len())?;
-    let fabric = Fabric::new(&setup.mesh, &setup.protocol, lab.sheet_s(), &impedance, settings)?;
+    let skin = &lab.data;
+    let (sheet_s, impedance) = (skin.conductivity_s, &skin.contact_impedance);
+    let fabric = Fabric::new(&skin.mesh, &skin.protocol, sheet_s, impedance, settings)?;
     // the truth images are not looked at
-    let raster = eit_mesh::Raster::new(setup.mesh.surface(), 8)?;
+    let raster = eit_mesh::Raster::new(skin.mesh.surface(), 8)?;
     let how = SimulationSettings::default();
     let made = fabric.simulate(script, &raster, &how, &mut |_| {})?;
     Ok((made.exact_v, made.reference_v.to_vec()))

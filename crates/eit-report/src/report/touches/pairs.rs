@@ -32,7 +32,7 @@ pub(super) fn measure(
 ) -> Result<Vec<Separation>, ReportError> {
     at_each(grid.noise_db, |noise_db| {
         // many fits: on the mesh of the images at every noise
-        let mut eyes = Eyes::fitting_on(lab, noise_db, &lab.bench.setup)?;
+        let mut eyes = Eyes::fitting_on(lab, noise_db, lab.bench.skin())?;
         let mut all = Vec::new();
         for ring in RINGS {
             for method in 0..METHODS.len() {
@@ -69,7 +69,7 @@ fn least(
 
 /// Two touches around a place of a ring, beside each other along the rim.
 fn pair(lab: &Lab, (ring, apart_m): (f64, f64), angle: f64) -> [[f64; 2]; 2] {
-    let r = ring * lab.radius_m();
+    let r = ring * lab.radius_m;
     if r == 0.0 {
         return [1.0, -1.0]
             .map(|s| [0.5 * s * apart_m * angle.cos(), 0.5 * s * apart_m * angle.sin()]);

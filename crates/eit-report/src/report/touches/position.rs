@@ -48,7 +48,7 @@ pub(super) fn places(lab: &Lab, ring: f64, count: usize) -> Vec<[f64; 2]> {
         // once around the skin, and once through the gap between electrodes
         let part = k as f64 / count as f64;
         let angle = first + TAU * part + TAU / electrodes * part;
-        let r = ring * lab.radius_m();
+        let r = ring * lab.radius_m;
         [r * angle.cos(), r * angle.sin()]
     };
     (0..count).map(at).collect()
@@ -141,7 +141,7 @@ pub(super) fn distance_m(found: [f64; 3], place: [f64; 2]) -> f64 {
 
 /// The table of positions.
 pub(super) fn table(lab: &Lab, grid: &Grid, all: &[Errors]) -> Table {
-    let diameter_m = 2.0 * lab.radius_m();
+    let diameter_m = 2.0 * lab.radius_m;
     let row = |errors: &Errors| {
         let [median, p95] = [0.5, 0.95].map(|part| quantile(&errors.errors_m, part));
         let found = errors.errors_m.len() as f64 / errors.trials as f64;
@@ -177,8 +177,8 @@ pub(super) fn table(lab: &Lab, grid: &Grid, all: &[Errors]) -> Table {
             all.first().map_or(0, |e| e.trials),
             grid.places,
             lab.data.mesh.surface().nodes().len(),
-            lab.bench.setup.mesh.surface().nodes().len(),
-            lab.bench.setup.mesh.surface().nodes().len(),
+            lab.bench.skin().mesh.surface().nodes().len(),
+            lab.bench.skin().mesh.surface().nodes().len(),
             lab.fine_fit.mesh.surface().nodes().len(),
             1e3 * WITHIN_M,
             lab.quiet,

@@ -126,7 +126,7 @@ fn script(lab: &Lab, fingers: usize, frames: usize) -> TouchScript {
         let mut keys = Vec::new();
         while now_s + 4.0 < end_s {
             let mut place = || {
-                let r = lab.radius_m() * (0.35 + 0.4 * random.uniform());
+                let r = lab.radius_m * (0.35 + 0.4 * random.uniform());
                 let angle = middle + half * (2.0 * random.uniform() - 1.0);
                 [r * angle.cos(), r * angle.sin()]
             };

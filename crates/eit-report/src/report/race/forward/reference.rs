@@ -5,8 +5,7 @@
 use super::sheet::Sheet;
 use crate::error::ReportError;
 use eit_fem::Elements;
-use eit_skin::Progress;
-use eit_skin::pipeline::{self, series};
+use eit_skin::Skin;
 use ndarray::Array1;
 
 /// Degrees of the series; what it changes by from one to the other is taken for its error.
@@ -29,8 +28,8 @@ pub(super) struct Reference {
 impl Reference {
     /// The series, or two meshes of these scales ([`Sheet::reference_mesh`]), the finer one last.
     pub fn of(sheet: &Sheet, scales: [f64; 2]) -> Result<Self, ReportError> {
-        let setup = pipeline::setup(&sheet.scene, None, None, &mut Progress::silent())?;
-        let of_degree = |degree| series::disc_voltages(&sheet.scene, &setup, degree);
+        let skin = Skin::from_scene(sheet.scene.clone())?;
+        let of_degree = |degree| skin.series_voltages(degree);
         let [coarse, fine] = SERIES_DEGREES;
         if sheet.is_even()
             && let (Some(coarse), Some(fine)) = (of_degree(coarse)?, of_degree(fine)?)

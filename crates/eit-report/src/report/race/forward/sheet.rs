@@ -11,7 +11,7 @@ use crate::error::ReportError;
 use crate::simulate::{Finger, MovieSettings, TouchMovie};
 use eit_fem::{Elements, ForwardModel};
 use eit_mesh::{Contact, Mesh, MeshSettings, SkinShape};
-use eit_skin::scene::{Scene, ElectrodeSource, MeshSource};
+use eit_skin::scene::{ElectrodeSource, MeshSource, Scene};
 
 /// How a family is refined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,10 +63,11 @@ pub(super) struct Sheet {
 impl Sheet {
     pub fn new(skin: &Skin) -> Result<Self, ReportError> {
         let scene = Scene::load(skin.scene)?;
-        let MeshSource::Generated { shape, electrodes, .. } = scene.mesh(None)? else {
+        let source = scene.mesh(None)?;
+        let MeshSource::Generated { shape, electrodes, .. } = &source else {
             return Err(ReportError::input(format!("{}: a file has one mesh only", skin.scene)));
         };
-        let (electrode_m, has_patches) = match &electrodes {
+        let (electrode_m, has_patches) = match electrodes {
             ElectrodeSource::Rim(rim) => (rim.width_m, false),
             ElectrodeSource::Placed(placed) => {
                 placed.iter().fold((f64::INFINITY, false), |(least, has), e| match e.contact {
@@ -81,7 +82,7 @@ impl Sheet {
                 let finger = Finger { change, ..Default::default() };
                 let settings =
                     MovieSettings { touches: 2, frames: 1, finger, ..Default::default() };
-                Some(TouchMovie::random(&scene, &settings)?)
+                Some(TouchMovie::random(&source, &settings)?)
             }
             None => None,
         };
@@ -127,12 +128,12 @@ impl Sheet {
     pub fn mesh(&self, settings: &MeshSettings) -> Result<Mesh, ReportError> {
         let settings = settings.clone();
         let made = match self.scene.mesh(None)? {
-            MeshSource::Generated { shape, electrodes, .. } => {
-                MeshSource::Generated { shape, electrodes, settings }
+            MeshSource::Generated { shape, electrodes, base, .. } => {
+                MeshSource::Generated { shape, electrodes, settings, base }
             }
             file => file,
         };
-        Ok(made.build()?)
+        Ok(made.build()?.mesh)
     }
 
     /// A mesh that stands for the truth with quadratic elements, the finer the smaller `scale` is; 1

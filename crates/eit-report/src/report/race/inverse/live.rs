@@ -6,11 +6,11 @@ use super::super::super::bench::{Bench, Entrant};
 use super::super::point::{Course, Solver, Spread};
 use super::{Lane, Made, SetUp};
 use crate::error::ReportError;
-use eit_inverse::{Reconstructor, SequenceStatus, StTvStream, Workspace};
-use eit_skin::Progress;
+use eit_inverse::{SequenceStatus, Reconstructor, StTvStream, Workspace};
 use eit_skin::denoise::{LiveNet, Net};
-use eit_skin::pipeline::{self, tv};
-use eit_skin::scene::{Hyperparameter, Rule, Scene};
+use eit_skin::scene::{Hyperparameter, Rule};
+use eit_skin::total_variation::WINDOW;
+use eit_skin::{FittedFrames, Progress};
 use ndarray::Array2;
 use std::time::Instant;
 
@@ -56,13 +56,6 @@ impl Source<'_> {
 }
 
 impl Lane<'_> {
-    /// The bench's scene with the noise of the recording.
-    fn scene(&self, bench: &Bench) -> Scene {
-        let mut scene = bench.scene.clone();
-        scene.noise.additive_v = Some(self.recording.simulated.noise_std_v);
-        scene
-    }
-
     /// Difference images by one matrix, and through a net. By cross-validation it has seen the
     /// recording, and is not live.
     pub(super) fn one_step(
@@ -71,13 +64,12 @@ impl Lane<'_> {
         (rule, rule_name): (Rule, &'static str),
         net: Option<&(String, Net)>,
     ) -> Result<Course, ReportError> {
-        let frames = &self.recording.simulated.frames;
-        let mut scene = self.scene(bench);
-        scene.reconstruction.hyperparameter = Some(Hyperparameter::Rule(rule));
+        let mut settings = bench.skin().settings.reconstruction.clone();
+        settings.hyperparameter = Some(Hyperparameter::Rule(rule));
+        let fitted = self.with_settings(bench, settings);
         let mut silent = Progress::silent();
         let start = Instant::now();
-        let parts = (&bench.setup, &bench.linearised);
-        let imaging = pipeline::imaging(&scene, parts.0, parts.1, frames, &mut silent)?;
+        let imaging = fitted.one_step(&mut silent)?;
         let report = imaging.difference.report();
         let (rank, hyperparameter) = (report.rank, report.hyperparameter);
         let reconstructor = imaging.difference.on_raster(bench.raster.pixel_from_element())?;
@@ -89,10 +81,10 @@ impl Lane<'_> {
         let source = || Source::OneStep {
             memory: Box::new(reconstructor.workspace()),
             reconstructor: &reconstructor,
-            reference: &frames.reference,
+            reference: &fitted.frames.reference,
         };
         let sources = std::iter::repeat_with(source).take(self.size.direct_runs).collect();
-        let (run, _) = self.frame_by_frame((bench, &scene, net), sources)?;
+        let (run, _) = self.frame_by_frame(bench, &fitted, net, sources)?;
         let mut solver = Solver::own("gauss-newton", Some(bench.raster.pixels()), is_live);
         solver.rule = rule_name;
         let set_up = SetUp { set_up_s: all_s - choice_s, choice_s, choice };
@@ -107,25 +99,23 @@ impl Lane<'_> {
         (entrant, target_gap): (Entrant, f64),
         net: Option<&(String, Net)>,
     ) -> Result<Course, ReportError> {
-        let frames = &self.recording.simulated.frames;
-        let mut scene = self.scene(bench);
-        scene.reconstruction.lower_s = entrant.lower_s;
-        scene.reconstruction.target_gap = Some(target_gap);
-        let models = (&bench.setup, &bench.linearised, &bench.raster);
+        let mut settings = bench.skin().settings.reconstruction.clone();
+        settings.lower_s = entrant.lower_s;
+        settings.target_gap = Some(target_gap);
+        let fitted = self.with_settings(bench, settings);
         let start = Instant::now();
-        // the simulated skin is the model's: gain 1
-        let first = tv::stream(&scene, entrant.method, models, (frames, 1.0))?;
+        let first = fitted.tv_stream(entrant.method, &mut Progress::silent())?;
         let (set_up_s, choice) = (start.elapsed().as_secs_f64(), first.words());
         let source = || {
-            let made = tv::stream(&scene, entrant.method, models, (frames, 1.0))?;
+            let made = fitted.tv_stream(entrant.method, &mut Progress::silent())?;
             let report = (0, SequenceStatus::Converged, 0.0);
             Ok::<_, ReportError>(Source::Stream { stream: Box::new(made.stream), report })
         };
         let sources = (0..self.size.stream_runs).map(|_| source()).collect::<Result<_, _>>()?;
-        let (run, report) = self.frame_by_frame((bench, &scene, net), sources)?;
+        let (run, report) = self.frame_by_frame(bench, &fitted, net, sources)?;
         let (iterations, status, worst) = report.unwrap_or((0, SequenceStatus::Direct, 0.0));
         let each = iterations as f64 / self.frames() as f64;
-        let floor_s = self.floors.total_variation(bench, tv::WINDOW, each);
+        let floor_s = self.floors.total_variation(bench, WINDOW, each);
         let name = format!("{} stream", entrant.name());
         let solver = Solver::own(name, Some(bench.raster.pixels()), true);
         let set_up = SetUp { set_up_s, choice_s: 0.0, choice };
@@ -136,24 +126,24 @@ impl Lane<'_> {
     /// Runs every source over all frames; what the last one tells of itself.
     fn frame_by_frame(
         &self,
-        (bench, scene, net): (&Bench, &Scene, Option<&(String, Net)>),
+        bench: &Bench,
+        fitted: &FittedFrames,
+        net: Option<&(String, Net)>,
         sources: Vec<Source<'_>>,
     ) -> Result<(Run, Option<StreamReport>), ReportError> {
-        let frames = &self.recording.simulated.frames;
-        let differences = frames.differences(bench.kind());
+        let differences = fitted.differences();
         let rows = |array: &Array2<f64>| -> Vec<Vec<f64>> {
             array.rows().into_iter().map(|row| row.to_vec()).collect()
         };
-        let (values, differences) = (rows(&frames.values), rows(&differences));
+        let (values, differences) = (rows(&fitted.frames.values), rows(&differences));
         let pixels = bench.raster.masked_pixels().len();
         let mut movie = Array2::zeros((values.len(), pixels));
         let (mut raw, mut made) = (vec![0.0; pixels], vec![0.0; pixels]);
-        let models = (&bench.setup, &bench.linearised, &bench.raster);
         let mut seconds = Vec::new();
         let mut report = None;
         for mut source in sources {
             let mut net = match net {
-                Some((_, net)) => Some(LiveNet::new(net, scene, models, (frames, 1.0))?),
+                Some((_, net)) => Some(LiveNet::new(net, fitted)?),
                 None => None,
             };
             for ((values, differences), mut row) in

@@ -2,10 +2,9 @@
 
 use super::super::peers::{PeerMovie, PeerProblem};
 use super::super::point::{Course, Solver, Spread};
-use super::{Lane, MOVIES, Made, STILLS, SetUp};
+use super::{Entry, Lane, MOVIES, Made, STILLS, SetUp};
 use crate::error::ReportError;
 use eit_skin::Progress;
-use eit_skin::pipeline::{self, tv};
 use eit_skin::scene::Rule;
 use ndarray::Array1;
 
@@ -14,20 +13,17 @@ impl Lane<'_> {
     pub fn peer_problem(&self) -> Result<PeerProblem, ReportError> {
         let (judge, simulated) = (self.judge(), &self.recording.simulated);
         let frames = &simulated.frames;
-        let mut scene = judge.scene.clone();
-        scene.noise.additive_v = Some(simulated.noise_std_v);
-        let mut silent = Progress::silent();
-        let parts = (&judge.setup, &judge.linearised);
-        let imaging = pipeline::imaging(&scene, parts.0, parts.1, frames, &mut silent)?;
+        let own = self.with_settings(judge, judge.skin().settings.reconstruction.clone());
+        let imaging = own.one_step(&mut Progress::silent())?;
         let on_pixels = imaging.difference.on_raster(judge.raster.pixel_from_element())?;
         let entrant = if self.is_still() { STILLS[0] } else { MOVIES[0] };
-        let Some(solver) = self.entry(judge, (entrant, Rule::NoiseFigure))?.into_tv() else {
+        let fitted = self.fitted(judge, entrant, Rule::NoiseFigure);
+        let Some(solver) = Entry::new(judge, &fitted, entrant.method)?.into_tv() else {
             return Err(ReportError::Failure("no solver of total variation".to_owned()));
         };
         let settings = solver.settings();
         let noise = settings.noise_std.clone().unwrap_or_else(|| vec![1.0; frames.used.len()]);
-        let models = (&judge.linearised, &judge.raster, judge.kind());
-        let mut whitened_jacobian = tv::pixel_jacobian(models.0, models.1, models.2, &frames.used)?;
+        let mut whitened_jacobian = judge.linearised.pixel_jacobian(&judge.raster, &frames.used)?;
         for (mut row, noise) in whitened_jacobian.rows_mut().into_iter().zip(&noise) {
             row.mapv_inplace(|j| j / noise);
         }

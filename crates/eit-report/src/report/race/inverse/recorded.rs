@@ -1,7 +1,7 @@
 //! Solvers that take a whole recording: weights and hyperparameters are chosen on it, and its frames
 //! are solved for together.
 
-use super::super::super::bench::{Bench, Entrant};
+use super::super::super::bench::{Bench, Entrant, Entry, Sequence};
 use super::super::point::{Course, Solver, Spread};
 use super::{Lane, Made, SetUp};
 use crate::error::ReportError;
@@ -20,11 +20,12 @@ impl Lane<'_> {
     ) -> Result<Course, ReportError> {
         let (judge, frames) = (self.judge(), self.frames());
         let is_absolute = method == Method::GaussNewtonAbsolute;
-        let mut entry = self.entry(judge, (Entrant { method, lower_s: None }, rule))?;
+        let fitted = self.fitted(judge, Entrant { method, lower_s: None }, rule);
+        let mut entry = Entry::new(judge, &fitted, method)?;
         let values = self.recording.simulated.frames.differences(judge.kind());
         let differences = Differences::all_good(values.view());
         let mut seconds = Vec::new();
-        let (movie, report) = loop {
+        let Sequence { pixels: movie, report } = loop {
             let start = Instant::now();
             let made = entry.run(&differences, &Stop::default())?;
             seconds.push(start.elapsed().as_secs_f64());
@@ -50,7 +51,8 @@ impl Lane<'_> {
         bench: &Bench,
         entrant: Entrant,
     ) -> Result<Course, ReportError> {
-        let mut entry = self.entry(bench, (entrant, Rule::NoiseFigure))?;
+        let fitted = self.fitted(bench, entrant, Rule::NoiseFigure);
+        let mut entry = Entry::new(bench, &fitted, entrant.method)?;
         let (values, frames) =
             (self.recording.simulated.frames.differences(bench.kind()), self.frames());
         let differences = Differences::all_good(values.view());
@@ -59,9 +61,9 @@ impl Lane<'_> {
         for &target_gap in self.size.gaps {
             let stop = Stop { target_gap, deadline, max_iterations: usize::MAX };
             let mut seconds = Vec::new();
-            let (movie, report) = loop {
+            let Sequence { pixels: movie, report } = loop {
                 let made = entry.run(&differences, &stop)?;
-                seconds.push(made.1.seconds);
+                seconds.push(made.report.seconds);
                 if !self.once_more(&seconds) {
                     break made;
                 }
