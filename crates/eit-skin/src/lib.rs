@@ -33,6 +33,10 @@ pub mod touches;
 pub mod train;
 pub mod words;
 
+// what a robot's program names, so that it needs no further dependency
+pub use eit_inverse::touch::{Touch, TouchState};
+pub use {eit_denoise, eit_fem, eit_hw, eit_inverse, eit_mesh, ndarray};
+
 pub use error::SkinError;
 pub use linearised::{FittedFrames, LinearisedSkin};
 pub use live::{LiveFrame, LiveModel, LiveObserver, LiveStream, Pushed, Sensor, TouchFrame};

@@ -1,0 +1,28 @@
+//! A robot that feels: its loop ticks at its own rate, whatever the instrument does.
+use eit_skin::{Skin, SkinError, Touch};
+use std::time::{Duration, Instant};
+
+pub const TICK: Duration = Duration::from_millis(10);
+
+/// At every tick `control` gets the newest touches, `None` where the skin is silent or takes its
+/// reference, and says whether to go on. Returns how many ticks came too late.
+pub fn run(
+    skin: &Skin,
+    port: Option<&str>,
+    mut control: impl FnMut(Option<&[Touch]>) -> bool,
+) -> Result<usize, SkinError> {
+    let mut sensor = skin.open_at(port)?;
+    let (mut due, mut late) = (Instant::now(), 0);
+    loop {
+        due += TICK;
+        while let Some(left) = due.checked_duration_since(Instant::now()) {
+            sensor.next_within(left)?;
+        }
+        if !control(sensor.touches_within(10 * TICK)) {
+            return Ok(late);
+        }
+        if due.elapsed() > TICK {
+            (late, due) = (late + 1, Instant::now()); // lost ticks are not made up for
+        }
+    }
+}
