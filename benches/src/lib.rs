@@ -5,6 +5,7 @@
 //! `growth` and `equal_frame` write theirs themselves.
 
 pub mod document;
+pub mod faer_cholesky;
 pub mod limits;
 pub mod problem;
 pub mod stopwatch;

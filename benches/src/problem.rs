@@ -56,6 +56,18 @@ pub fn conductivity(elements: usize) -> Vec<f64> {
     (0..elements).map(|e| 1.0 + 0.1 * (f64::from(hash(e)) / 4_294_967_296.0)).collect()
 }
 
+/// Adjacent drive on all electrodes but the grounded last: for each electrode its currents under
+/// `ELECTRODES - 1` patterns, ampere.
+pub fn currents() -> impl Iterator<Item = [f64; ELECTRODES - 1]> {
+    (0..ELECTRODES - 1).map(|electrode| {
+        std::array::from_fn(|pattern| match electrode.checked_sub(pattern) {
+            Some(0) => 1.0,
+            Some(1) => -1.0,
+            _ => 0.0,
+        })
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -62,9 +62,9 @@ fn time(pixels: usize, problem: &StTvProblem) -> Result<Value> {
     let mut iteration_s = Vec::new();
     for _ in 0..REPEATS {
         let stop = Stop { target_gap: 1e-4, ..Default::default() };
-        let start = (ProcessTime::now(), Instant::now());
+        let clocks = Clocks::start();
         let report = solver.solve(&frames, &stop)?.report;
-        let share = share_of(start);
+        let share = clocks.processor_share();
         for (times, gap) in primal.iter_mut().zip(GAPS) {
             let limit = problem.objective * (1.0 + gap);
             let first = report.trace.iter().find(|point| point.primal <= limit);
@@ -76,10 +76,10 @@ fn time(pixels: usize, problem: &StTvProblem) -> Result<Value> {
     let mut reached = [0.0; 3];
     for ((times, gap), reached) in certified.iter_mut().zip(GAPS).zip(&mut reached) {
         for _ in 0..REPEATS {
-            let start = (ProcessTime::now(), Instant::now());
+            let clocks = Clocks::start();
             let report =
                 solver.solve(&frames, &Stop { target_gap: gap, ..Default::default() })?.report;
-            times.push(share_of(start) * report.seconds);
+            times.push(clocks.processor_share() * report.seconds);
             *reached = report.certificate.map_or(f64::NAN, |c| c.relative_gap());
         }
     }
@@ -106,9 +106,21 @@ fn time(pixels: usize, problem: &StTvProblem) -> Result<Value> {
     }))
 }
 
-/// Share of the processor that this program, of one thread, got since `start`.
-fn share_of((cpu, wall): (ProcessTime, Instant)) -> f64 {
-    (cpu.elapsed().as_secs_f64() / wall.elapsed().as_secs_f64()).min(1.0)
+/// Processor time and wall time since a moment.
+struct Clocks {
+    cpu: ProcessTime,
+    wall: Instant,
+}
+
+impl Clocks {
+    fn start() -> Self {
+        Self { cpu: ProcessTime::now(), wall: Instant::now() }
+    }
+
+    /// Share of the processor that this program, of one thread, got since the start.
+    fn processor_share(&self) -> f64 {
+        (self.cpu.elapsed().as_secs_f64() / self.wall.elapsed().as_secs_f64()).min(1.0)
+    }
 }
 
 /// Two touches that circle, with the problem's noise, through a window of 8 frames.
@@ -139,10 +151,10 @@ fn stream(problem: &StTvProblem, solver: &StTv) -> Result<Value> {
             let sample: f64 = rand_distr::StandardNormal.sample(&mut generator);
             *value += noise_std * sample;
         }
-        let start = (ProcessTime::now(), Instant::now());
+        let clocks = Clocks::start();
         let step = stream.push(&dv, None)?;
         if frame >= warm_up {
-            seconds.push(share_of(start) * step.seconds);
+            seconds.push(clocks.processor_share() * step.seconds);
             iterations += step.iterations;
             worst_gap = worst_gap.max(step.certificate.relative_gap());
         }

@@ -155,6 +155,13 @@ struct Level {
     trials: Vec<(MeshTrial, Array1<f64>)>,
 }
 
+/// Where a trial stands: its level, and its place in that.
+#[derive(Clone, Copy)]
+struct Place {
+    level: usize,
+    trial: usize,
+}
+
 impl MeshSearch<'_> {
     /// Searches among the meshes of `mesh_of`: similar ones, whose edges are all in proportion to the
     /// scale that it is given, from 1 on downward ([`MeshSettings::similar`](eit_mesh::MeshSettings)
@@ -184,8 +191,8 @@ impl MeshSearch<'_> {
             levels.push(self.solved(mesh, kinds)?);
             self.judge(&mut levels);
             let (required, largest_v) = self.relative(&levels)?;
-            if let Some((level, trial)) = self.settled(&levels, required) {
-                return Ok(chosen(levels, (level, trial), (required, largest_v)));
+            if let Some(place) = self.settled(&levels, required) {
+                return Ok(chosen(levels, place, required, largest_v));
             }
         }
     }
@@ -197,7 +204,7 @@ impl MeshSearch<'_> {
     /// Those of [`ForwardModel::with_elements`] and [`ForwardModel::solve`], and of
     /// [`MeshSearch::run`] for the required accuracy.
     pub fn of_linear(&self, mesh: &Mesh) -> Result<Estimate, FemError> {
-        self.estimate((mesh, Elements::Linear), mesh, 1.0)
+        self.estimate(mesh, Elements::Linear, mesh, 1.0)
     }
 
     /// Estimates the error of quadratic elements by those on a mesh of twice the nodes.
@@ -205,12 +212,13 @@ impl MeshSearch<'_> {
     /// # Errors
     /// As [`MeshSearch::of_linear`].
     pub fn of_quadratic(&self, mesh: &Mesh, finer: &Mesh) -> Result<Estimate, FemError> {
-        self.estimate((mesh, Elements::Quadratic), finer, SHARE)
+        self.estimate(mesh, Elements::Quadratic, finer, SHARE)
     }
 
     fn estimate(
         &self,
-        (mesh, kind): (&Mesh, Elements),
+        mesh: &Mesh,
+        kind: Elements,
         judge: &Mesh,
         share: f64,
     ) -> Result<Estimate, FemError> {
@@ -293,11 +301,10 @@ impl MeshSearch<'_> {
         Ok(required)
     }
 
-    /// The cheapest trial that meets the requirement, as level and place in it, once none that is
-    /// cheaper waits to be judged.
-    fn settled(&self, levels: &[Level], required: f64) -> Option<(usize, usize)> {
+    /// The cheapest trial that meets the requirement, once none that is cheaper waits to be judged.
+    fn settled(&self, levels: &[Level], required: f64) -> Option<Place> {
         let allowed = |trial: &MeshTrial| self.elements.is_none_or(|kind| kind == trial.elements);
-        let mut best: Option<(f64, (usize, usize))> = None;
+        let mut best: Option<(f64, Place)> = None;
         let mut waiting = f64::INFINITY;
         for (l, level) in levels.iter().enumerate() {
             let triangles = level.mesh.surface().triangles().len();
@@ -308,7 +315,7 @@ impl MeshSearch<'_> {
                     Some(error)
                         if error <= required && best.is_none_or(|(least, _)| work < least) =>
                     {
-                        best = Some((work, (l, t)));
+                        best = Some((work, Place { level: l, trial: t }));
                     }
                     Some(_) => {}
                 }
@@ -329,15 +336,11 @@ impl MeshSearch<'_> {
 }
 
 /// Takes the chosen mesh out of its level.
-fn chosen(
-    mut levels: Vec<Level>,
-    (level, trial): (usize, usize),
-    (required, largest_v): (f64, f64),
-) -> ChosenMesh {
-    let found = levels[level].trials[trial].0;
+fn chosen(mut levels: Vec<Level>, place: Place, required: f64, largest_v: f64) -> ChosenMesh {
+    let found = levels[place.level].trials[place.trial].0;
     let trials = levels.iter().flat_map(|l| l.trials.iter().map(|(trial, _)| *trial)).collect();
     ChosenMesh {
-        mesh: levels.swap_remove(level).mesh,
+        mesh: levels.swap_remove(place.level).mesh,
         elements: found.elements,
         error: found.error.unwrap_or(f64::INFINITY),
         required,

@@ -23,8 +23,9 @@ fn product(matrix: &SystemMatrix, x: &[f64]) -> Vec<f64> {
     let (starts, rows) = (matrix.pattern.column_starts(), matrix.pattern.rows());
     let mut y = vec![0.0; x.len()];
     for column in 0..matrix.pattern.unknowns() {
-        for entry in starts[column] as usize..starts[column + 1] as usize {
-            let (row, value) = (rows[entry] as usize, matrix.values[entry]);
+        let entries = starts[column] as usize..starts[column + 1] as usize;
+        for (&row, value) in rows[entries.clone()].iter().zip(&matrix.values[entries]) {
+            let row = row as usize;
             y[row] += value * x[column];
             if row != column {
                 y[column] += value * x[row];

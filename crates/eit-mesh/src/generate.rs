@@ -110,11 +110,11 @@ fn mesh(
         |radius_m: f64| settings.electrode_edge_m.unwrap_or(radius_m / 3.0).min(edge_m);
     let patch_edges_m: Vec<f64> = discs.iter().map(|disc| patch_edge(disc.radius_m)).collect();
     let pierced = outline.pierced(discs);
-    let (mut rim, field) = rim::cut(&pierced, &intervals, settings, (edge_m, &patch_edges_m))?;
+    let (mut rim, field) = rim::cut(&pierced, &intervals, settings, edge_m, &patch_edges_m)?;
     patch::widen(&mut rim, discs);
     let filled = interior::fill(&rim, &field, settings.node_limit)?;
     let mut skin = smooth::smooth(filled, rim.points.len(), &field, settings.smoothing_rounds);
-    let patches = patch::join(&mut skin, &rim, discs, (&field, settings))?;
+    let patches = patch::join(&mut skin, &rim, discs, &field, settings)?;
     let nodes = skin.points.iter().map(|&p| on_shape(shape, p)).collect();
     let surface = Surface::new(nodes, skin.triangles)?;
     let mut placed: Vec<(usize, Electrode)> = Vec::new();

@@ -74,7 +74,7 @@ pub fn place_electrodes(
         Skin { nodes: surface.nodes().to_vec(), triangles: surface.triangles().to_vec() };
     let rims = Rims::new(&skin);
     let tolerance_m = OFF_SURFACE * size_m;
-    let intervals = intervals(&rims, &skin, electrodes, (tolerance_m, resolution_m))?;
+    let intervals = intervals(&rims, &skin, electrodes, tolerance_m, resolution_m)?;
     let balls = balls(surface, electrodes, tolerance_m)?;
     let ends_m = rim::insert_ends(&mut skin, &rims, &intervals);
     let field = Field::new(electrodes, &ends_m, &balls, settings, resolution_m)?;
@@ -133,7 +133,8 @@ fn intervals(
     rims: &Rims,
     skin: &Skin,
     electrodes: &[PlacedElectrode],
-    (tolerance_m, resolution_m): (f64, f64),
+    tolerance_m: f64,
+    resolution_m: f64,
 ) -> Result<Vec<Covered>, MeshError> {
     let mut covered = Vec::new();
     let mut centres = Vec::new();

@@ -192,7 +192,7 @@ fn twins(nodes: &[[f64; 3]], distance_m: f64) -> Vec<u32> {
     let mut twin_of = Vec::with_capacity(nodes.len());
     for (index, node) in nodes.iter().enumerate() {
         let merges = distance_m > 0.0 && node.iter().all(|x| x.is_finite());
-        let twin = merges.then(|| near(nodes, &cells, node, (distance_m, cell_m))).flatten();
+        let twin = merges.then(|| near(nodes, &cells, node, distance_m, cell_m)).flatten();
         twin_of.push(twin.unwrap_or(index as u32));
         if merges && twin.is_none() {
             cells.entry(node.map(|x| (x / cell_m).floor() as i64)).or_default().push(index as u32);
@@ -206,7 +206,8 @@ fn near(
     nodes: &[[f64; 3]],
     cells: &HashMap<[i64; 3], Vec<u32>>,
     at: &[f64; 3],
-    (distance_m, cell_m): (f64, f64),
+    distance_m: f64,
+    cell_m: f64,
 ) -> Option<u32> {
     // casts saturate: beyond 1e18 cells all are one, which is slow but right
     let low = at.map(|x| ((x - distance_m) / cell_m).floor() as i64);

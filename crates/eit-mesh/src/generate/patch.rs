@@ -43,7 +43,8 @@ pub(super) fn join(
     skin: &mut Triangulation,
     rim: &Rim,
     discs: &[Disc],
-    (field, settings): (&SizeField, &MeshSettings),
+    field: &SizeField,
+    settings: &MeshSettings,
 ) -> Result<Vec<Vec<u32>>, MeshError> {
     let mut patches = Vec::with_capacity(discs.len());
     for k in 0..discs.len() {

@@ -49,7 +49,8 @@ pub(crate) fn cut(
     outline: &Outline,
     electrodes: &[RimInterval],
     settings: &MeshSettings,
-    (edge_m, patch_edges_m): (f64, &[f64]),
+    edge_m: f64,
+    patch_edges_m: &[f64],
 ) -> Result<(Rim, SizeField), MeshError> {
     let skin_loops = outline.loops().len() - patch_edges_m.len();
     let end_m = |width_m: f64| settings.electrode_edge_m.unwrap_or(width_m / 6.0).min(edge_m);
@@ -62,7 +63,7 @@ pub(crate) fn cut(
         let on_loop: Vec<_> = electrodes.iter().filter(|e| e.loop_index == index).collect();
         let places = match index.checked_sub(skin_loops).and_then(|k| patch_edges_m.get(k)) {
             Some(&patch_edge_m) => patch_places(l, patch_edge_m),
-            None => breakpoints_of(l, &on_loop, (&end_m, corner_m), outline.resolution_m()),
+            None => breakpoints_of(l, &on_loop, &end_m, corner_m, outline.resolution_m()),
         };
         for (k, place) in places.iter().enumerate() {
             let shorter = span(&places, k + places.len() - 1, l).min(span(&places, k, l));
@@ -174,7 +175,8 @@ fn number(outline: &Outline, cuts: &[Vec<f64>], electrodes: &[RimInterval]) -> R
 fn breakpoints_of(
     l: &Loop,
     electrodes: &[&RimInterval],
-    (end_m, corner_m): (&dyn Fn(f64) -> f64, f64),
+    end_m: &dyn Fn(f64) -> f64,
+    corner_m: f64,
     resolution_m: f64,
 ) -> Vec<Breakpoint> {
     let length_m = l.length_m();

@@ -55,7 +55,7 @@ pub(super) fn restore_delaunay(
     while let Some(t) = stack.pop() {
         for k in 0..3 {
             let u = neighbours.0[t as usize][k];
-            if u != RIM && flips_left > 0 && flip(points, triangles, neighbours, (t, k), u) {
+            if u != RIM && flips_left > 0 && flip(points, triangles, neighbours, t, k, u) {
                 flips_left -= 1;
                 stack.extend([t, u]);
                 break;
@@ -69,7 +69,8 @@ fn flip(
     points: &[[f64; 2]],
     triangles: &mut [[u32; 3]],
     neighbours: &mut Neighbours,
-    (t, k): (u32, usize),
+    t: u32,
+    k: usize,
     u: u32,
 ) -> bool {
     let across_u = neighbours.0[u as usize];
