@@ -4,8 +4,9 @@
 
 mod common;
 
-use common::{disc, uniform};
+use common::disc;
 use eit_denoise::{DataConsistency, DataMisfit, DenoiseError};
+use fixtures::Random;
 use ndarray::{Array1, Array2};
 
 const MEASUREMENTS: usize = 30;
@@ -21,11 +22,12 @@ struct Known {
 /// A skin of 12 x 12 pixels with a random Jacobian, an image, its differences, and the noise.
 fn known() -> Known {
     let mask = disc(12, 12);
-    let mut state = 4;
+    let mut random = Random::new(4);
     let inside = mask.iter().filter(|m| **m).count();
-    let jacobian = Array2::from_shape_fn((MEASUREMENTS, inside), |_| 1e3 * uniform(&mut state));
+    let jacobian =
+        Array2::from_shape_fn((MEASUREMENTS, inside), |_| 1e3 * random.between(-1.0, 1.0));
     let image = Array2::from_shape_fn((12, 12), |place| match mask[place] {
-        true => 1e-6 * uniform(&mut state),
+        true => 1e-6 * random.between(-1.0, 1.0),
         false => f64::NAN,
     });
     let pixels: Array1<f64> = image.iter().filter(|v| !v.is_nan()).copied().collect();

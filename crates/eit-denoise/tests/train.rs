@@ -4,11 +4,12 @@
 
 mod common;
 
-use common::{convolutions, direct, disc, shard, uniform, weights};
+use common::{convolutions, direct, disc, shard, weights};
 use eit_denoise::{
     BaseSettings, DenoiseError, Denoiser, Engine, Examples, ImageStack, LearningBase,
     RasterSymmetry, Shard, TrainSettings, TrainStatus, Trainer, UnetShape,
 };
+use fixtures::Random;
 use ndarray::{Array2, Array3, Axis};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -85,12 +86,12 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
         };
         let exact: Vec<f64> = parameters.iter().map(|p| f64::from(*p)).collect();
         assert!((error - error_of(&exact)).abs() < 1e-5 * error, "{shape:?}");
-        let mut state = 3;
+        let mut random = Random::new(3);
         let mut from = 0;
         for c in convolutions(shape) {
             let kernel = c[0] * c[1] * c[2] * c[2];
             for count in [kernel, c[0]] {
-                let direction: Vec<f64> = (0..count).map(|_| uniform(&mut state)).collect();
+                let direction: Vec<f64> = (0..count).map(|_| random.between(-1.0, 1.0)).collect();
                 let norm = direction.iter().map(|d| d * d).sum::<f64>().sqrt();
                 let moved = |step: f64| {
                     let mut parameters = exact.clone();

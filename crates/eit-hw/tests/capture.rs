@@ -172,11 +172,8 @@ fn a_cut_recording_keeps_every_whole_chunk() {
     let ends = chunk_ends(&bytes);
     assert_eq!(ends.len(), 1 + (wanted.len() - 1).div_ceil(per_chunk));
     let mut cuts: Vec<usize> = ends.iter().flat_map(|&end| [end - 1, end, end + 1]).collect();
-    let mut state = 9_u64;
-    for _ in 0..1000 {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-        cuts.push((state >> 33) as usize % bytes.len());
-    }
+    let mut random = fixtures::Random::new(9);
+    cuts.extend((0..1000).map(|_| random.below(bytes.len())));
     cuts.extend([1, 7, 8, 9, bytes.len() - 1]);
     for cut in cuts {
         let capture = parse(&bytes[..cut], &path).unwrap();

@@ -15,30 +15,18 @@ use eit_hw::{
     HealthReport, HwError, MeasuredFrames, Quality, StreamFacts, Trouble, Unit, Verdict,
     check_health,
 };
+use fixtures::Random;
 use ndarray::Array2;
 
 const FRAMES: usize = 60;
 const NOISE: f64 = 1e-4;
 
-/// Uniform in [-1, 1), from a seed; its standard deviation is 1 / sqrt(3).
-struct Noise(u64);
-
-impl Noise {
-    fn draw(&mut self) -> f64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-    }
-}
-
 /// 25 frames a second of a homogeneous disc.
 fn healthy() -> MeasuredFrames {
     let quadruples = rotated(16);
     let truth = point_electrode_disc(&quadruples, 16);
-    let mut noise = Noise(4);
-    let values = Array2::from_shape_fn((FRAMES, 208), |(_, m)| {
-        truth[m] + NOISE * 3_f64.sqrt() * noise.draw()
-    });
+    let mut random = Random::new(4);
+    let values = Array2::from_shape_fn((FRAMES, 208), |(_, m)| truth[m] + NOISE * random.normal());
     MeasuredFrames {
         quality: Array2::default(values.raw_dim()),
         values,
@@ -83,11 +71,11 @@ fn nothing_is_found_where_nothing_is_wrong() {
 fn a_bad_contact_is_found_by_reciprocity() {
     for electrode in [0, 5, 15] {
         let mut frames = healthy();
-        let mut noise = Noise(8);
+        let mut random = Random::new(8);
         for (mut column, quadruple) in frames.values.columns_mut().into_iter().zip(rotated(16)) {
             // what it senses is anything
             if quadruple[2] == electrode || quadruple[3] == electrode {
-                let offset = noise.draw();
+                let offset = random.between(-1.0, 1.0);
                 column.mapv_inplace(|value| value + offset);
             }
         }
@@ -116,10 +104,10 @@ fn an_open_electrode_is_found_by_its_flags() {
 #[test]
 fn a_noisy_electrode_is_a_warning() {
     let mut frames = healthy();
-    let mut noise = Noise(15);
+    let mut random = Random::new(15);
     for (mut column, quadruple) in frames.values.columns_mut().into_iter().zip(rotated(16)) {
         if quadruple[2] == 3 || quadruple[3] == 3 {
-            column.mapv_inplace(|value| value + 20.0 * NOISE * noise.draw());
+            column.mapv_inplace(|value| value + 20.0 * NOISE * random.between(-1.0, 1.0));
         }
     }
     let report = check(&frames);
@@ -148,8 +136,12 @@ fn troubles_of_the_whole_are_told_with_what_to_try() {
 
     let mut swapped = healthy();
     // two electrodes' wires changed over at the voltmeter is no one electrode's fault
-    let mut noise = Noise(1);
-    swapped.values.columns_mut().into_iter().for_each(|mut column| column.fill(noise.draw()));
+    let mut random = Random::new(1);
+    swapped
+        .values
+        .columns_mut()
+        .into_iter()
+        .for_each(|mut column| column.fill(random.between(-1.0, 1.0)));
     let report = check(&swapped);
     assert!(report.findings[0].to_string().starts_with("reciprocity error"), "{report:?}");
 

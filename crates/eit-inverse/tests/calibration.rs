@@ -10,10 +10,10 @@
 
 mod common;
 
-use common::Random;
 use eit_fem::{DrivenElectrodes, ForwardModel, PairProtocol, Protocol};
 use eit_inverse::{Calibration, CalibrationSettings, CalibrationStatus, Contacts, InverseError};
 use eit_mesh::{MeshSettings, RimElectrodes, SkinShape, generate};
+use fixtures::Random;
 
 const SIGMA_S: f64 = 1e-5;
 const CONTACT: f64 = 1e3;
@@ -59,7 +59,7 @@ fn rms(values: &[f64]) -> f64 {
 fn exact_frames_give_the_exact_skin() {
     let protocol = protocol(DrivenElectrodes::Keep);
     let model = model(0.01, &protocol, &[CONTACT; 16]);
-    let mut random = Random(5);
+    let mut random = Random::new(5);
     let truth: Vec<f64> = (0..16).map(|_| CONTACT * (1.5 * random.normal()).exp()).collect();
     let frame = voltages(&model, SIGMA_S, &truth);
     let settings = CalibrationSettings::starting_at(40.0 * SIGMA_S, &[5.0 * CONTACT; 16]);
@@ -93,7 +93,7 @@ fn errors_are_those_of_the_covariance() {
     // noise as stated, or estimated; and as stated, with frames of the same mesh
     let mut squares = [0.0; 3];
     for seed in 0..seeds {
-        let mut random = Random(1000 + seed);
+        let mut random = Random::new(1000 + seed);
         let truth: Vec<f64> = (0..16).map(|_| CONTACT * (spread * random.normal()).exp()).collect();
         let clean = [&fine, &model].map(|model| voltages(model, SIGMA_S, &truth));
         // so much that the coarser mesh hardly shows
@@ -153,7 +153,7 @@ fn mahalanobis(found: &Calibration, error: &[f64]) -> f64 {
 fn what_data_do_not_tell_is_reported() {
     let protocol = protocol(DrivenElectrodes::Drop);
     let model = model(0.01, &protocol, &[CONTACT; 16]);
-    let mut random = Random(3);
+    let mut random = Random::new(3);
     let clean = voltages(&model, SIGMA_S, &[CONTACT; 16]);
     let noise = 0.2 * rms(&clean);
     let frame: Vec<f64> = clean.iter().map(|v| v + noise * random.normal()).collect();

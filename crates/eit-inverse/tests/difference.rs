@@ -4,11 +4,12 @@
 
 mod common;
 
-use common::{Random, adjacent, disc, jacobian, relative_difference, solve, target};
+use common::{adjacent, disc, jacobian, relative_difference, solve, target};
 use eit_inverse::{
     Difference, DifferenceData, DifferenceSettings, FrameStatus, Gaussian, GaussianSettings,
     InverseError, Laplace, LaplaceSettings, Noser, Prior, Tikhonov, metrics,
 };
+use fixtures::Random;
 use ndarray::{Array1, Array2, ArrayView2, array};
 use proptest::prelude::*;
 
@@ -48,8 +49,8 @@ fn model_space(
 #[test]
 fn measurement_space_and_model_space_forms_are_equal() {
     let surface = disc(0.1, 2);
-    let mut random = Random(1);
-    let jacobian = random.matrix(10, surface.areas_m2().len());
+    let mut random = Random::new(1);
+    let jacobian = random.normals(10, surface.areas_m2().len());
     let noise_std: Vec<f64> = (0..10).map(|_| 1e-6 * (0.5 + random.uniform())).collect();
     let n = surface.areas_m2().len();
     let mean = surface.areas_m2().iter().sum::<f64>() / n as f64;
@@ -100,8 +101,8 @@ fn hand_solved_problems() {
 
 #[test]
 fn small_lambda_fits_the_data_and_large_lambda_gives_no_image() {
-    let mut random = Random(2);
-    let jacobian = random.matrix(20, 60);
+    let mut random = Random::new(2);
+    let jacobian = random.normals(20, 60);
     let frame: Vec<f64> = (0..20).map(|_| random.normal()).collect();
     let reference = vec![0.0; 20];
     let mut inverse = Difference::new(&jacobian, &Identity, settings(1.0)).unwrap();
@@ -124,8 +125,8 @@ fn small_lambda_fits_the_data_and_large_lambda_gives_no_image() {
 
 #[test]
 fn relative_residual_is_that_of_the_image() {
-    let mut random = Random(3);
-    let jacobian = random.matrix(12, 7);
+    let mut random = Random::new(3);
+    let jacobian = random.normals(12, 7);
     let noise_std: Vec<f64> = (0..12).map(|_| 0.5 + random.uniform()).collect();
     let frame: Vec<f64> = (0..12).map(|_| random.normal()).collect();
     let reference: Vec<f64> = (0..12).map(|_| random.normal()).collect();
@@ -230,7 +231,7 @@ fn left_out_measurements_are_as_if_never_made() {
     let surface = disc(0.1, 8);
     let jacobian = jacobian(&surface, 0.1, 8);
     let prior = Tikhonov::new(&surface);
-    let mut random = Random(5);
+    let mut random = Random::new(5);
     let count = jacobian.nrows();
     let noise_std: Vec<f64> = (0..count).map(|_| 0.5 + random.uniform()).collect();
     let voltages: Vec<f64> = (0..count).map(|_| 1.0 + random.uniform()).collect();
@@ -273,8 +274,8 @@ fn one_frame_many_frames_raster_and_matrix_agree() {
     let surface = disc(0.1, 6);
     let jacobian = jacobian(&surface, 0.1, 8);
     let inverse = Difference::new(&jacobian, &Tikhonov::new(&surface), settings(0.03)).unwrap();
-    let mut random = Random(6);
-    let frames = random.matrix(5, jacobian.nrows());
+    let mut random = Random::new(6);
+    let frames = random.normals(5, jacobian.nrows());
     let reference: Vec<f64> = (0..jacobian.nrows()).map(|_| random.normal()).collect();
     let images = inverse.reconstruct_frames(frames.view(), &reference).unwrap();
     let raster = eit_mesh::Raster::new(&surface, 12).unwrap();
@@ -317,7 +318,7 @@ fn normalised_data_with_the_noise_of_its_model_voltages_is_plain_data() {
     let surface = disc(0.1, 6);
     let jacobian = jacobian(&surface, 0.1, 8);
     let prior = Noser::default();
-    let mut random = Random(7);
+    let mut random = Random::new(7);
     let count = jacobian.nrows();
     let mut draw = |low: f64| (0..count).map(|_| low + random.uniform()).collect::<Vec<f64>>();
     let (noise_std_v, mut model_voltages_v, dv) = (draw(0.5), draw(0.2), draw(-0.5));
@@ -455,9 +456,9 @@ proptest! {
     /// Another order of the measurements, with all that belongs to them, is the same image.
     #[test]
     fn permuting_measurements_changes_nothing(seed in any::<u64>(), hyperparameter in 1e-3..10.0) {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let (m, n) = (9, 14);
-        let jacobian = random.matrix(m, n);
+        let jacobian = random.normals(m, n);
         let noise_std: Vec<f64> = (0..m).map(|_| 0.1 + random.uniform()).collect();
         let frame: Vec<f64> = (0..m).map(|_| random.normal()).collect();
         let mut order: Vec<usize> = (0..m).collect();
@@ -478,9 +479,9 @@ proptest! {
     /// Normalised data does not know gains, drive current, nor the sign of a channel.
     #[test]
     fn normalised_data_is_free_of_gain(seed in any::<u64>()) {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let (m, n) = (8, 11);
-        let jacobian = random.matrix(m, n);
+        let jacobian = random.normals(m, n);
         let model_voltages_v: Vec<f64> = (0..m).map(|_| 0.2 + random.uniform()).collect();
         let data = DifferenceData::Normalised { model_voltages_v };
         let inverse = Difference::new(
@@ -509,8 +510,8 @@ proptest! {
     #[test]
     fn lambda_is_free_of_units(seed in any::<u64>(), unit in -9.0..9.0_f64,
                                noise in -9.0..9.0_f64) {
-        let mut random = Random(seed);
-        let jacobian = random.matrix(7, 12);
+        let mut random = Random::new(seed);
+        let jacobian = random.normals(7, 12);
         let frame: Vec<f64> = (0..7).map(|_| random.normal()).collect();
         let (unit, noise) = (10_f64.powf(unit), 10_f64.powf(noise));
         let reference = [0.0; 7];
@@ -526,8 +527,8 @@ proptest! {
     #[test]
     fn any_rank_gives_a_finite_image(seed in any::<u64>(), m in 1_usize..12, n in 1_usize..12,
                                      rank in 1_usize..5, power in -12.0..3.0_f64) {
-        let mut random = Random(seed);
-        let jacobian = random.matrix(m, rank).dot(&random.matrix(rank, n));
+        let mut random = Random::new(seed);
+        let jacobian = random.normals(m, rank).dot(&random.normals(rank, n));
         let inverse =
             Difference::new(&jacobian, &Noser::default(), settings(10_f64.powf(power))).unwrap();
         prop_assert!(inverse.report().rank <= rank.min(m).min(n));
@@ -544,7 +545,7 @@ proptest! {
 fn a_frame_that_equals_its_reference_is_zero_without_a_product() {
     let surface = disc(0.1, 6);
     let jacobian = jacobian(&surface, 0.1, 8);
-    let mut random = Random(16);
+    let mut random = Random::new(16);
     let count = jacobian.nrows();
     let reference: Vec<f64> = (0..count).map(|_| 1.0 + random.uniform()).collect();
     let mut used = vec![true; count];

@@ -4,9 +4,10 @@
 
 mod common;
 
-use common::{Random, disc, equilateral, grid, solve};
+use common::{disc, equilateral, grid, solve};
 use eit_inverse::{Gradient, InverseError};
 use eit_mesh::Surface;
+use fixtures::Random;
 use ndarray::Array2;
 use proptest::prelude::*;
 use std::f64::consts::{PI, TAU};
@@ -132,7 +133,7 @@ fn a_bent_strip_has_the_variation_of_the_flat_one() {
         [radius_m * cos, height_m * j as f64 / n as f64, radius_m * sin]
     });
     let linear = on_nodes(&flat, |x| 6.0 * x[0] + 8.0 * x[1]);
-    let mut random = Random(5);
+    let mut random = Random::new(5);
     let rough: Vec<f64> = flat.nodes().iter().map(|_| random.normal()).collect();
     let value = |surface: &Surface, image: &[f64]| {
         Gradient::nodal(surface).unwrap().total_variation(image).unwrap()
@@ -328,7 +329,7 @@ proptest! {
         pixel_m in 1e-3..10.0_f64,
         seed: u64,
     ) {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let mut mask = Array2::from_shape_simple_fn((rows, columns), || random.uniform() < inside);
         mask[(rows / 2, columns / 2)] = true;
         let image = Array2::from_shape_simple_fn((rows, columns), || random.normal());

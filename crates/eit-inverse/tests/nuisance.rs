@@ -3,8 +3,9 @@
 
 mod common;
 
-use common::{Random, disc};
+use common::disc;
 use eit_inverse::{Difference, DifferenceSettings, InverseError, NuisanceParameters, Tikhonov};
+use fixtures::Random;
 use ndarray::{Array2, Axis, aview1, concatenate};
 
 /// Small dense problem: measurements, image, nuisance parameters.
@@ -17,10 +18,10 @@ struct Problem {
 }
 
 fn problem() -> Problem {
-    let mut random = Random(11);
+    let mut random = Random::new(11);
     Problem {
-        jacobian: random.matrix(30, 12),
-        nuisance: random.matrix(30, 5),
+        jacobian: random.normals(30, 12),
+        nuisance: random.normals(30, 5),
         std: (0..5).map(|_| 3.0 * random.uniform() + 0.1).collect(),
         noise: (0..30).map(|_| 0.2 * random.uniform() + 0.02).collect(),
         data: (0..30).map(|_| random.normal()).collect(),
@@ -115,8 +116,8 @@ fn unused_measurements_are_not_looked_at() {
 #[test]
 fn the_prior_is_taken_over() {
     let surface = disc(0.1, 2);
-    let mut random = Random(5);
-    let (jacobian, nuisance) = (random.matrix(30, surface.triangles().len()), random.matrix(30, 5));
+    let mut random = Random::new(5);
+    let (jacobian, nuisance) = (random.normals(30, surface.triangles().len()), random.normals(30, 5));
     let noise: Vec<f64> = (0..30).map(|_| 0.2 * random.uniform() + 0.02).collect();
     let frame: Vec<f64> = (0..30).map(|_| random.normal()).collect();
     let reference = [0.0; 30];

@@ -4,12 +4,13 @@
 
 mod common;
 
-use common::{Random, disc, equilateral, grid, jacobian, relative_difference, target};
+use common::{disc, equilateral, grid, jacobian, relative_difference, target};
 use eit_inverse::{
     Difference, DifferenceSettings, Gaussian, GaussianSettings, InverseError, Laplace,
     LaplaceSettings, Noser, Prior, Tikhonov,
 };
 use eit_mesh::{Raster, Surface};
+use fixtures::Random;
 use ndarray::{Array1, Array2, array};
 
 fn laplace(surface: &Surface, length_m: f64) -> Laplace {
@@ -46,7 +47,7 @@ fn tikhonov_variance_is_inverse_to_area() {
 
 #[test]
 fn noser_is_free_of_scale_and_survives_an_element_that_nothing_senses() {
-    let mut jacobian = Random(1).matrix(6, 9);
+    let mut jacobian = Random::new(1).normals(6, 9);
     jacobian.column_mut(4).fill(0.0);
     let prior = Noser::default();
     let one = prior.covariance_times(jacobian.view()).unwrap();
@@ -65,7 +66,7 @@ fn noser_is_free_of_scale_and_survives_an_element_that_nothing_senses() {
 #[test]
 fn noser_of_full_exponent_follows_an_element_s_unit() {
     // exponent 1: an element in another unit of conductivity has the image in that unit
-    let jacobian = Random(2).matrix(5, 8);
+    let jacobian = Random::new(2).normals(5, 8);
     let units = array![1.0, 10.0, 0.1, 3.0, 1.0, 7.0, 0.5, 2.0];
     let prior = Noser { exponent: 1.0 };
     let image = |j: &Array2<f64>| {

@@ -9,7 +9,7 @@
 
 mod common;
 
-use common::{Random, disc, jacobian, target};
+use common::{disc, jacobian, target};
 use eit_inverse::metrics::Cells;
 use eit_inverse::touch::{NoiseFloor, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
@@ -17,6 +17,7 @@ use eit_inverse::{
     ReferenceSettings, ReferenceState,
 };
 use eit_mesh::Raster;
+use fixtures::Random;
 use ndarray::Array2;
 
 const CHANNELS: usize = 208;
@@ -41,7 +42,7 @@ struct Skin {
 
 impl Skin {
     fn new(seed: u64) -> Self {
-        Self { random: Random(seed), frame: vec![0.0; CHANNELS], rest: rest() }
+        Self { random: Random::new(seed), frame: vec![0.0; CHANNELS], rest: rest() }
     }
 
     /// A frame with a common factor and a touch of some strength.
@@ -185,7 +186,7 @@ fn thermal_drift_is_no_touch_and_does_not_move_one() {
         let mut reference =
             AdaptiveReference::with_noise(&rest, &[noise; CHANNELS], ReferenceSettings::default())
                 .unwrap();
-        let mut random = Random(12);
+        let mut random = Random::new(12);
         let (mut workspace, mut image) = (to_pixels.workspace(), vec![0.0; to_pixels.image_len()]);
         let (mut frame, mut touched, mut begun) = (rest.clone(), false, 0);
         let (mut sum, mut count) = ([0.0; 2], 0.0);
@@ -247,7 +248,7 @@ fn bad_input_is_refused_by_name() {
     assert_eq!(new(&few), Some(InverseError::TooFewQuietFrames { found: 19, needed: 20 }));
     let none = Array2::zeros((0, 3));
     assert_eq!(new(&none), Some(InverseError::TooFewQuietFrames { found: 0, needed: 20 }));
-    let mut nan = Random(1).matrix(30, 3);
+    let mut nan = Random::new(1).normals(30, 3);
     nan[(7, 2)] = f64::NAN;
     assert!(matches!(
         new(&nan),

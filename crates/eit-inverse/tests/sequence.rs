@@ -5,7 +5,7 @@
 
 mod common;
 
-use common::{Random, disc, jacobian, relative_difference, solve};
+use common::{disc, jacobian, relative_difference, solve};
 use eit_fem::{FemError, ForwardModel, PairProtocol};
 use eit_inverse::sequence::{
     AbsoluteGaussNewton, AbsoluteSettings, KalmanFilter, KalmanSettings, KalmanSmoother, TimePrior,
@@ -16,6 +16,7 @@ use eit_inverse::{
     LaplaceSettings, Noser, Prior, SequenceSolver, SequenceStatus, Tikhonov,
 };
 use eit_mesh::{Mesh, MeshSettings, RimElectrodes, SkinShape, generate};
+use fixtures::Random;
 use ndarray::{Array1, Array2, ArrayView2, Axis, array};
 use proptest::prelude::*;
 
@@ -92,12 +93,12 @@ struct Scene {
 }
 
 fn scene(seed: u64, [frames, measurements, elements]: [usize; 3], lambda: f64) -> Scene {
-    let mut random = Random(seed);
-    let root = random.matrix(elements, elements);
-    let jacobian = random.matrix(measurements, elements);
+    let mut random = Random::new(seed);
+    let root = random.normals(elements, elements);
+    let jacobian = random.normals(measurements, elements);
     let noise_std = (0..measurements).map(|_| 1e-3 * (0.5 + random.uniform())).collect();
     Scene {
-        values: random.matrix(frames, measurements),
+        values: random.normals(frames, measurements),
         jacobian,
         prior: Dense(root.t().dot(&root)),
         difference: DifferenceSettings { noise_std: Some(noise_std), ..single(lambda) },
@@ -242,10 +243,10 @@ fn skin(lambda: f64, frames: usize) -> (Array2<f64>, Laplace, DifferenceSettings
     let surface = disc(0.1, 8);
     let jacobian = jacobian(&surface, 0.1, 8);
     let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
-    let mut random = Random(5);
+    let mut random = Random::new(5);
     let noise_std = (0..jacobian.nrows()).map(|_| 0.5 + random.uniform()).collect();
     let settings = DifferenceSettings { noise_std: Some(noise_std), ..single(lambda) };
-    let values = random.matrix(frames, jacobian.nrows());
+    let values = random.normals(frames, jacobian.nrows());
     (jacobian, prior, settings, values)
 }
 
@@ -362,7 +363,7 @@ fn the_filter_is_the_smoother_of_the_frames_so_far() {
 #[test]
 fn normalised_data_is_plain_data_in_other_units() {
     let (jacobian, prior, plain, values) = skin(0.05, 3);
-    let mut random = Random(8);
+    let mut random = Random::new(8);
     let model_voltages_v: Vec<f64> = (0..40).map(|_| 0.5 + random.uniform()).collect();
     let data = DifferenceData::Normalised { model_voltages_v: model_voltages_v.clone() };
     let noise_std = Some(data.noise_std(plain.noise_std.as_ref().unwrap()).unwrap());
@@ -678,7 +679,7 @@ fn the_objective_is_the_one_documented_and_the_image_its_minimum() {
     let sequence =
         method.reconstruct_sequence(&Differences::all_good(small.values.view())).unwrap();
     assert_eq!(sequence.report.status, SequenceStatus::Converged);
-    let mut random = Random(3);
+    let mut random = Random::new(3);
     for (t, report) in method.frame_reports().iter().enumerate() {
         let log = range.ln();
         let x: Vec<f64> = sequence

@@ -11,8 +11,9 @@ use clarabel::solver::{
     DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SecondOrderConeT, SolverStatus,
     SupportedConeT, ZeroConeT,
 };
-use common::{Random, grid};
+use common::grid;
 use eit_inverse::{Fidelity, Gradient, ImageSequence, SequenceStatus, StTvSettings, Stop};
+use fixtures::Random;
 use fixtures::st_tv::StTvProblem;
 use ndarray::{Array2, Axis};
 use problem::Problem;
@@ -225,7 +226,7 @@ fn gradient(basis: Basis, side: usize, random: &mut Random) -> Gradient {
     let cells = side.div_ceil(2);
     // cells of about 1 m, on a curved surface
     let surface = || {
-        let mut shift = Random(side as u64);
+        let mut shift = Random::new(side as u64);
         let mut shifts: Vec<f64> = (0..(cells + 1).pow(2)).map(|_| shift.uniform() - 0.5).collect();
         shifts.iter_mut().for_each(|s| *s *= 0.5);
         grid(cells, |i, j| {
@@ -247,10 +248,10 @@ fn gradient(basis: Basis, side: usize, random: &mut Random) -> Gradient {
 
 impl Recipe {
     fn problem(&self) -> Problem {
-        let mut random = Random(self.seed);
+        let mut random = Random::new(self.seed);
         let gradient = gradient(self.basis, self.side, &mut random);
         let n = gradient.unknowns();
-        let jacobian = random.matrix(self.measurements, n) / (self.measurements as f64).sqrt();
+        let jacobian = random.normals(self.measurements, n) / (self.measurements as f64).sqrt();
         let noise_std: Option<Vec<f64>> = self.noise.map(|ratio| {
             (0..self.measurements).map(|_| 0.2 * ratio.powf(random.uniform())).collect()
         });

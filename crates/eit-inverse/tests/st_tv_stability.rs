@@ -6,11 +6,11 @@ mod common;
 #[path = "common/problem.rs"]
 mod problem;
 
-use common::Random;
 use eit_inverse::{
     Differences, Fidelity, Gradient, ImageSequence, InverseError, SequenceStatus, StTv,
     StTvSettings, Stop,
 };
+use fixtures::Random;
 use ndarray::{Array2, Axis, array, concatenate};
 use problem::Problem;
 use std::f64::consts::SQRT_2;
@@ -39,11 +39,11 @@ fn converged(problem: &Problem, stop: &Stop) -> ImageSequence {
 /// then `|J x|^2 >= |x|^2`, and two sequences whose objectives are within `g` of the optimum differ by
 /// no more than `2 sqrt(2 g)` (strong convexity).
 fn scene(frames: usize) -> Problem {
-    let mut random = Random(11);
+    let mut random = Random::new(11);
     let (rows, columns) = (4, 5);
     let n = rows * columns;
     let jacobian =
-        concatenate(Axis(0), &[Array2::eye(n).view(), random.matrix(6, n).view()]).unwrap();
+        concatenate(Axis(0), &[Array2::eye(n).view(), random.normals(6, n).view()]).unwrap();
     let truth = Array2::from_shape_fn((frames, n), |(t, p)| {
         let (i, j) = (p / columns, p % columns);
         if i < 2 && j >= t % 3 && j < t % 3 + 2 { 1.0 } else { 0.0 }
@@ -166,9 +166,9 @@ fn unequal_duplicates_count_with_their_mean() {
 
 #[test]
 fn a_jacobian_of_rank_one() {
-    let mut random = Random(3);
-    let (left, right) = (random.matrix(7, 1), random.matrix(1, 12));
-    let mut problem = Problem::new(left.dot(&right), square(3, 4), random.matrix(4, 7));
+    let mut random = Random::new(3);
+    let (left, right) = (random.normals(7, 1), random.normals(1, 12));
+    let mut problem = Problem::new(left.dot(&right), square(3, 4), random.normals(4, 7));
     for (space, time) in [(0.05, 0.02), (1.0, 0.0), (0.3, 3.0)] {
         problem = problem.with_weights(space, time);
         assert_eq!(problem.solver().unwrap().rank(), 1);

@@ -6,6 +6,7 @@ use eit_inverse::{
     Differences, Fidelity, Gradient, InverseError, SequenceStatus, StTv, StTvSettings, StTvStream,
     Stop, StreamSettings,
 };
+use fixtures::Random;
 use ndarray::{Array1, Array2};
 use std::hint::black_box;
 
@@ -19,12 +20,6 @@ struct Scene {
     frames: Vec<Vec<f64>>,
 }
 
-/// A linear congruential generator, uniform in 0..1.
-fn uniform(state: &mut u64) -> f64 {
-    *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-    (*state >> 33) as f64 / (1_u64 << 31) as f64
-}
-
 fn scene(count: usize, noise: f64) -> Scene {
     let centre = 0.5 * (SIDE as f64 - 1.0);
     let place = |i: usize, j: usize| [i as f64 - centre, j as f64 - centre];
@@ -34,12 +29,12 @@ fn scene(count: usize, noise: f64) -> Scene {
     });
     let pixels: Vec<[f64; 2]> =
         mask.indexed_iter().filter(|(_, m)| **m).map(|((i, j), _)| place(i, j)).collect();
-    let mut state = 7;
+    let mut random = Random::new(7);
     let mut jacobian = Array2::zeros((MEASUREMENTS, pixels.len()));
     for mut row in jacobian.rows_mut() {
         // a dipole near the rim: large near it, small in the middle, as in a real skin
-        let angle = std::f64::consts::TAU * uniform(&mut state);
-        let turn = std::f64::consts::TAU * uniform(&mut state);
+        let angle = std::f64::consts::TAU * random.uniform();
+        let turn = std::f64::consts::TAU * random.uniform();
         let source = [1.2 * centre * angle.cos(), 1.2 * centre * angle.sin()];
         for (value, pixel) in row.iter_mut().zip(&pixels) {
             let (dx, dy) = (pixel[0] - source[0], pixel[1] - source[1]);
@@ -54,7 +49,7 @@ fn scene(count: usize, noise: f64) -> Scene {
             let image: Array1<f64> = pixels.iter().map(|p| f64::from(near(p))).collect();
             let mut dv = jacobian.dot(&image).to_vec();
             for value in &mut dv {
-                let normal = (0..12).map(|_| uniform(&mut state)).sum::<f64>() - 6.0;
+                let normal = random.normal();
                 *value += noise * normal;
             }
             dv
@@ -245,11 +240,9 @@ fn quiet_windows_cost_nothing() {
     let scene = scene(10, NOISE);
     let solver = StTv::new(&scene.jacobian, &scene.gradient, settings(NOISE)).unwrap();
     let mut stream = stream_of(&solver, 4, 1);
-    let mut state = 3;
+    let mut random = Random::new(3);
     for f in 0..6 {
-        let dv: Vec<f64> = (0..MEASUREMENTS)
-            .map(|_| NOISE * ((0..12).map(|_| uniform(&mut state)).sum::<f64>() - 6.0))
-            .collect();
+        let dv: Vec<f64> = (0..MEASUREMENTS).map(|_| NOISE * random.normal()).collect();
         let step = stream.push(&dv, None).unwrap();
         assert!(step.quiet && step.iterations == 0, "frame {f}");
         assert!(step.image.is_none_or(|image| image.iter().all(|v| *v == 0.0)));

@@ -2,14 +2,9 @@
 #![allow(dead_code, reason = "each test binary takes what it needs")]
 
 use eit_denoise::{ImageStack, UnetShape, Weights};
+use fixtures::Random;
 use ndarray::{Array2, Array3};
 use std::collections::BTreeMap;
-
-/// A linear congruential generator, uniform in -1..1.
-pub fn uniform(state: &mut u64) -> f64 {
-    *state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-    (*state >> 33) as f64 / (1_u64 << 30) as f64 - 1.0
-}
 
 /// Pixels of a disc.
 pub fn disc(rows: usize, columns: usize) -> Array2<bool> {
@@ -21,10 +16,10 @@ pub fn disc(rows: usize, columns: usize) -> Array2<bool> {
 
 /// Frames of a bell that moves over noise, NaN outside the mask.
 pub fn touched(frames: usize, mask: &Array2<bool>) -> Array3<f64> {
-    let mut state = 5;
+    let mut random = Random::new(5);
     let (rows, columns) = mask.dim();
     Array3::from_shape_fn((frames, rows, columns), |(f, r, c)| {
-        let noise = 0.05 * uniform(&mut state);
+        let noise = 0.05 * random.between(-1.0, 1.0);
         let [y, x] = [r as f64 / rows as f64 - 0.4, c as f64 / columns as f64 - 0.3];
         let x = x - 0.03 * f as f64;
         if mask[[r, c]] { 1e-6 * ((-(x * x + y * y) / 0.01).exp() + noise) } else { f64::NAN }
@@ -47,12 +42,12 @@ pub fn shard(frames: usize, pixels: usize) -> eit_denoise::Shard {
 
 /// Random weights of about unit gain.
 pub fn weights(shape: UnetShape, pixels: [usize; 2]) -> Weights {
-    let mut state = 11;
+    let mut random = Random::new(11);
     let mut parameters = Vec::new();
     for c in convolutions(shape) {
         let gain = (3.0 / (c[1] * c[2] * c[2]) as f64).sqrt();
-        parameters.extend((0..c[0] * c[1] * c[2] * c[2]).map(|_| gain * uniform(&mut state)));
-        parameters.extend((0..c[0]).map(|_| 0.1 * uniform(&mut state)));
+        parameters.extend((0..c[0] * c[1] * c[2] * c[2]).map(|_| random.between(-gain, gain)));
+        parameters.extend((0..c[0]).map(|_| random.between(-0.1, 0.1)));
     }
     let parameters = parameters.into_iter().map(|w| w as f32).collect();
     Weights { shape, parameters, skin: "test".to_owned(), pixels, about: BTreeMap::new() }

@@ -85,15 +85,10 @@ pub fn strip(length: f64, width: f64, columns: usize, rows: usize) -> Mesh {
     Mesh::new(Surface::new(nodes, triangles).unwrap(), electrodes).unwrap()
 }
 
-/// Small deterministic numbers in 0..1 (a 64-bit linear congruential generator, Knuth's factor).
+/// Numbers from 0 to 1 of a seed.
 pub fn noise(seed: u64, count: usize) -> Vec<f64> {
-    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-    (0..count)
-        .map(|_| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-            (state >> 11) as f64 / (1u64 << 53) as f64
-        })
-        .collect()
+    let mut random = fixtures::Random::new(seed);
+    (0..count).map(|_| random.uniform()).collect()
 }
 
 /// [`ring_disc`] that knows its rim is a circle: the middles of rim edges lie on it.

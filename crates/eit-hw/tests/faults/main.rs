@@ -81,11 +81,6 @@ fn sciospec_frame(group: u8, drive: [u8; 2], row: u16, time_ms: u32) -> Vec<u8> 
 
 /// A stream of pseudo-random bytes.
 fn garbage(count: usize, seed: u64) -> Vec<u8> {
-    let mut state = seed;
-    let step = |_| {
-        state =
-            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 56) as u8
-    };
-    (0..count).map(step).collect()
+    let mut random = fixtures::Random::new(seed);
+    (0..count).map(|_| random.below(256) as u8).collect()
 }

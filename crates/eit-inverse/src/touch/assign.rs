@@ -105,8 +105,8 @@ impl Assignment {
 
 #[cfg(test)]
 mod tests {
-    use super::super::normal::Random;
     use super::*;
+    use fixtures::Random;
 
     /// Least sum over all ways, by trying them.
     fn by_trial(costs: &[Vec<f64>], row: usize, taken: &mut Vec<bool>) -> f64 {
@@ -128,11 +128,10 @@ mod tests {
         let mut random = Random::new(7);
         let mut assignment = Assignment::new(5, 7);
         for _ in 0..300 {
-            let rows = (random.uniform() * 5.0) as usize + 1;
-            let columns = (rows + (random.uniform() * 3.0) as usize).min(7);
-            let costs: Vec<Vec<f64>> = (0..rows)
-                .map(|_| (0..columns).map(|_| (random.uniform() * 8.0).floor()).collect())
-                .collect();
+            let rows = random.below(5) + 1;
+            let columns = (rows + random.below(3)).min(7);
+            let costs: Vec<Vec<f64>> =
+                (0..rows).map(|_| (0..columns).map(|_| random.below(8) as f64).collect()).collect();
             let found = assignment.solve(rows, columns, |r, c| costs[r][c]).to_vec();
             let mut seen = vec![false; columns];
             found.iter().for_each(|&c| assert!(!std::mem::replace(&mut seen[c], true)));

@@ -1,6 +1,6 @@
 //! The noise floor: how high noise alone makes an image, and where a touch begins.
 
-use super::normal::{Random, student_quantile, upper_quantile, upper_tail};
+use super::normal::{TailSampler, student_quantile, upper_quantile, upper_tail};
 use crate::check::check_length;
 use crate::{InverseError, Reconstructor};
 use ndarray::ArrayView2;
@@ -230,7 +230,7 @@ impl NoiseFloor {
     /// Source: Adler, Blanchet, Liu, *Ann. Appl. Probab.* 22 (2012), 1167-1214, section 2.
     pub fn effective_cells(&self, level: f64) -> f64 {
         let alive: Vec<usize> = (0..self.std.len()).filter(|&k| self.std[k] > 0.0).collect();
-        let mut random = Random::new(alive.len() as u64);
+        let mut random = TailSampler::new(alive.len() as u64);
         let mut source = vec![0.0; self.sources];
         let mut sum = 0.0;
         for _ in 0..SAMPLES {

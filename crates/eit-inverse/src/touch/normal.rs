@@ -1,4 +1,4 @@
-//! Tails of the normal distribution, and seeded samples of it.
+//! Tails of the normal distribution, and samples of it for Monte Carlo integrals.
 
 use std::f64::consts::SQRT_2;
 
@@ -28,12 +28,17 @@ pub(super) fn student_quantile(z: f64, degrees: f64) -> f64 {
     (degrees * (scaled * scaled / degrees).exp_m1()).sqrt()
 }
 
-/// Seeded random numbers: the same on every machine (Knuth's MMIX multiplier, upper bits).
+/// Samples for a Monte Carlo integral over a normal tail, the same on every machine (Knuth's MMIX
+/// multiplier, upper bits).
+///
+/// Its numbers are part of a result: a threshold of touches is such an integral. Data that is
+/// simulated, for training or tests, comes from `eit_fem::fabric::Random`, which would bring two
+/// more crates here.
 #[derive(Debug, Clone)]
-pub(super) struct Random(u64);
+pub(super) struct TailSampler(u64);
 
-impl Random {
-    /// From a seed.
+impl TailSampler {
+    /// Samples of a seed.
     pub(super) fn new(seed: u64) -> Self {
         let mut this = Self(seed ^ 0x9e37_79b9_7f4a_7c15);
         (0..4).for_each(|_| _ = this.uniform());
@@ -83,7 +88,7 @@ mod tests {
 
     #[test]
     fn conditional_samples_have_the_tail_mean() {
-        let mut random = Random::new(1);
+        let mut random = TailSampler::new(1);
         let mean = (0..20_000).map(|_| random.normal_above(3.0)).sum::<f64>() / 20_000.0;
         // density over tail: 4.4318e-3 / 1.3499e-3 = 3.2831; std 0.27 over root 20 000, 5 of it
         assert!((mean - 3.2831).abs() < 0.01, "{mean}");

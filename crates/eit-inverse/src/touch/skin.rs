@@ -91,8 +91,8 @@ fn unit(a: Point) -> Point {
 
 #[cfg(test)]
 mod tests {
-    use super::super::normal::Random;
     use super::*;
+    use fixtures::Random;
 
     #[test]
     fn no_point_of_a_triangle_is_nearer() {

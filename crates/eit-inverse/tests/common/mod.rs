@@ -6,26 +6,6 @@
 use eit_mesh::Surface;
 use ndarray::Array2;
 
-/// Deterministic uniform numbers in [0, 1) (Knuth's MMIX constants) and normal ones (Box-Muller).
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn uniform(&mut self) -> f64 {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    pub fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-
-    pub fn matrix(&mut self, rows: usize, columns: usize) -> Array2<f64> {
-        Array2::from_shape_fn((rows, columns), |_| self.normal())
-    }
-}
-
 /// Disc of concentric rings; ring k has 6 k nodes, so triangles are near-equilateral.
 pub fn disc(radius_m: f64, rings: usize) -> Surface {
     let mut nodes = vec![[0.0; 3]];
