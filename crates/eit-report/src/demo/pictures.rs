@@ -171,13 +171,16 @@ impl Shown {
             "found in {found} of {fingers} cases, {:.1} mm off in the median",
             1e3 * self.judged.distance_m()
         );
-        let note = format!(
-            "a dot for each frame; {invented} dots where no finger is, {left_over} of them when none is \
-             on the skin"
-        );
-        let title = format!("{}: touches as they were tracked", title(&self.experiment));
+        let settings = PictureSettings {
+            title: format!("{}: touches as they were tracked", title(&self.experiment)),
+            footnote: format!(
+                "a dot for each frame; {invented} dots where no finger is, {left_over} of them when none \
+                 is on the skin"
+            ),
+            ..Default::default()
+        };
         let panel = TracksPanel { label, tracks };
-        Ok(draw_tracks(&[panel], skin, (&title, &note), 2)?)
+        Ok(draw_tracks(&[panel], skin, &settings)?)
     }
 }
 
@@ -321,7 +324,9 @@ fn all_ways(shown: &[Shown], skin: &SkinDrawing) -> Result<Canvas, ReportError> 
         TracksPanel { label, tracks }
     };
     let panels: Vec<TracksPanel> = shown.iter().map(panel).collect();
-    Ok(draw_tracks(&panels, skin, ("The ways of the fingers", ""), 2)?)
+    let settings =
+        PictureSettings { title: "The ways of the fingers".to_owned(), ..Default::default() };
+    Ok(draw_tracks(&panels, skin, &settings)?)
 }
 
 /// How long it took from the last byte of a frame to its image and touches.
