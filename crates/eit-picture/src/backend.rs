@@ -41,9 +41,9 @@ impl DrawingBackend for Backend {
         Ok(())
     }
 
-    fn draw_pixel(&mut self, (x, y): BackendCoord, color: BackendColor) -> Drawn {
+    fn draw_pixel(&mut self, at: BackendCoord, color: BackendColor) -> Drawn {
         let (color, opacity) = color_of(color);
-        self.0.blend(x.into(), y.into(), color, opacity);
+        self.0.blend(at.0.into(), at.1.into(), color, opacity);
         Ok(())
     }
 
@@ -74,24 +74,19 @@ impl DrawingBackend for Backend {
     /// A disc: plots have no other circles.
     fn draw_circle<S: BackendStyle>(
         &mut self,
-        (x, y): BackendCoord,
+        at: BackendCoord,
         radius: u32,
         style: &S,
         _fill: bool,
     ) -> Drawn {
         let (color, opacity) = color_of(style.color());
-        let middle = [x, y].map(|at| f64::from(at) + 0.5);
+        let middle = [at.0, at.1].map(|at| f64::from(at) + 0.5);
         self.0.stroke_px(&[middle], 2.0 * f64::from(radius), color, opacity);
         Ok(())
     }
 
     /// The size of a style is its em.
-    fn draw_text<T: BackendTextStyle>(
-        &mut self,
-        text: &str,
-        style: &T,
-        (x, y): BackendCoord,
-    ) -> Drawn {
+    fn draw_text<T: BackendTextStyle>(&mut self, text: &str, style: &T, at: BackendCoord) -> Drawn {
         let (em, (color, opacity)) = (style.size(), color_of(style.color()));
         let baseline = match style.anchor().v_pos {
             VPos::Top => CAP_HEIGHT_EM * em,
@@ -102,7 +97,7 @@ impl DrawingBackend for Backend {
         let left = font.left_of(text, em, style.anchor().h_pos);
         font.raster(text, em, [left.round(), baseline.round()], |right, down, covered| {
             let (right, down) = style.transform().transform(right as i32, down as i32);
-            self.0.blend((x + right).into(), (y + down).into(), color, covered * opacity);
+            self.0.blend((at.0 + right).into(), (at.1 + down).into(), color, covered * opacity);
         });
         Ok(())
     }

@@ -60,15 +60,10 @@ impl Scale {
                 remarks.push(format!("{text}: {count}"));
             }
         };
-        remark(finite.clone().filter(|v| **v < low || **v > high).count(), "values beyond the bar");
+        remark(finite.filter(|v| **v < low || **v > high).count(), "values beyond the bar");
         remark(values.filter(|v| v.abs() > LARGEST).count(), "infinite values");
-        if least > most {
-            remarks.push("no finite value".to_owned());
-        } else if least == most {
-            let value = if least == 0.0 { "0".to_owned() } else { format!("{least:e}") };
-            remarks.push(
-                format!("all values are {value}\u{a0}{}", settings.unit).trim_end().to_owned(),
-            );
+        if least >= most {
+            remarks.push(alike(least, most, &settings.unit));
         }
 
         let ticks = Ticks::new(low, high, 7);
@@ -133,6 +128,15 @@ impl Scale {
             canvas.text(label, TICK_EM, [right + BAR[1] + 4.0, y], HPos::Left, INK);
         }
     }
+}
+
+/// What a bar does not show: that there is no value, or only one.
+fn alike(least: f64, most: f64, unit: &str) -> String {
+    if least > most {
+        return "no finite value".to_owned();
+    }
+    let value = if least == 0.0 { "0".to_owned() } else { format!("{least:e}") };
+    format!("all values are {value}\u{a0}{unit}").trim_end().to_owned()
 }
 
 /// A range of positive width that can be divided into ticks, symmetric for a diverging map.

@@ -171,13 +171,15 @@ impl Shown {
             "found in {found} of {fingers} cases, {:.1} mm off in the median",
             1e3 * self.judged.distance_m()
         );
-        let note = format!(
-            "a dot for each frame; {invented} dots where no finger is, {left_over} of them when none is \
-             on the skin"
-        );
-        let title = format!("{}: touches as they were tracked", title(&self.experiment));
+        let settings = PictureSettings {
+            title: format!("{}: touches as they were tracked", title(&self.experiment)),
+            footnote: format!(
+                "a dot for each frame; {invented} dots where no finger is, {left_over} of them when none \
+                 is on the skin"
+            ),
+            ..Default::default()
+        };
         let panel = TracksPanel { label, tracks };
-        let settings = PictureSettings { title, footnote: note, zoom: 2, ..Default::default() };
         Ok(draw_tracks(&[panel], skin, &settings)?)
     }
 }
@@ -324,8 +326,8 @@ fn all_ways(shown: &[Shown], skin: &SkinDrawing) -> Result<Canvas, ReportError> 
         TracksPanel { label, tracks }
     };
     let panels: Vec<TracksPanel> = shown.iter().map(panel).collect();
-    let title = "The ways of the fingers".to_owned();
-    let settings = PictureSettings { title, zoom: 2, ..Default::default() };
+    let settings =
+        PictureSettings { title: "The ways of the fingers".to_owned(), ..Default::default() };
     Ok(draw_tracks(&panels, skin, &settings)?)
 }
 
