@@ -11,7 +11,7 @@ use eit_fem::ForwardModel;
 use eit_inverse::metrics::Cells;
 use eit_inverse::touch::{NoiseFloor, TouchStream, TouchStreamSettings};
 use eit_inverse::{
-    AdaptiveReference, Difference, DifferenceSettings, Differences, FrameStatus, Gradient,
+    AdaptiveReference, Difference, DifferenceFrames, DifferenceSettings, FrameStatus, Gradient,
     HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget, Reconstructor, ReferenceSettings,
     StTv, StTvSettings, StTvStream, StreamSettings,
 };
@@ -250,7 +250,7 @@ fn total_variation(scene: &Scene) -> Result<Row> {
     }
     // the exchange of space and time that the pipeline of `eit` uses
     let length_m = raster.pixel_m() * raster.pixels() as f64 / 32.0;
-    solver.choose_weights(&Differences::all_good(dv.view()), length_m)?;
+    solver.choose_weights(&DifferenceFrames::all_good(dv.view()), length_m)?;
     let mut stream = StTvStream::new(solver, StreamSettings::default())?;
     let mut full = Vec::new();
     for (k, row) in dv.rows().into_iter().enumerate() {

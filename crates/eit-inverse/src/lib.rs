@@ -24,7 +24,7 @@ pub use one_step::{
 };
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
 pub use sequence::{
-    Certificate, Differences, ImageSequence, SequenceReport, SequenceSolver, SequenceStatus,
+    Certificate, DifferenceFrames, ImageSequence, SequenceReport, SequenceSolver, SequenceStatus,
     TracePoint,
 };
 #[cfg(feature = "st-tv")]

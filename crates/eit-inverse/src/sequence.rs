@@ -26,7 +26,7 @@ mod time_prior;
 pub use absolute::{AbsoluteFrameReport, AbsoluteGaussNewton, AbsoluteSettings};
 pub use kalman::{KalmanFilter, KalmanSettings, KalmanSmoother};
 pub use solver::{
-    Certificate, Differences, ImageSequence, SequenceReport, SequenceSolver, SequenceStatus,
+    Certificate, DifferenceFrames, ImageSequence, SequenceReport, SequenceSolver, SequenceStatus,
     TracePoint,
 };
 pub use time_prior::{TimePrior, TimePriorSettings};

@@ -12,7 +12,7 @@ use eit_inverse::sequence::{
     TimePriorSettings,
 };
 use eit_inverse::{
-    Difference, DifferenceData, DifferenceSettings, Differences, InverseError, Laplace,
+    Difference, DifferenceData, DifferenceFrames, DifferenceSettings, InverseError, Laplace,
     LaplaceSettings, Noser, Prior, SequenceSolver, SequenceStatus, Tikhonov,
 };
 use eit_mesh::{Mesh, MeshSettings, RimElectrodes, SkinShape, generate};
@@ -49,7 +49,7 @@ fn images(
     values: &Array2<f64>,
     good: Option<&Array2<bool>>,
 ) -> Array2<f64> {
-    let frames = Differences { values: values.view(), good: good.map(|good| good.view()) };
+    let frames = DifferenceFrames { values: values.view(), good: good.map(|good| good.view()) };
     method.reconstruct_sequence(&frames).unwrap().images
 }
 
@@ -142,7 +142,7 @@ fn batch(
 fn compare_with_batch(scene: &Scene, good: &Array2<bool>, tolerance: f64) {
     let mut values = scene.values.clone();
     values.iter_mut().zip(good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::NAN);
-    let frames = Differences { values: values.view(), good: Some(good.view()) };
+    let frames = DifferenceFrames { values: values.view(), good: Some(good.view()) };
     let methods = methods_in_time(&scene.jacobian, &scene.prior, &scene.difference, values.nrows());
     for (mut method, in_time) in methods {
         let sequence = method.reconstruct_sequence(&frames).unwrap();
@@ -207,7 +207,7 @@ fn scalar_problems_by_hand() {
     let values = array![[5.0], [10.0]];
     // A = 4, s = 4, mu = 0.25 * 4 = 1: image = 2 / (4 + 1) dv
     let mut one = one_step(&jacobian, &prior, &single(0.5));
-    let frames = Differences::all_good(values.view());
+    let frames = DifferenceFrames::all_good(values.view());
     let sequence = one.reconstruct_sequence(&frames).unwrap();
     assert!(relative_difference(&sequence.images, &array![[2.0], [4.0]]) < 1e-15);
     // 2 * 2 - 5, 2 * 4 - 10
@@ -253,7 +253,7 @@ fn skin(lambda: f64, frames: usize) -> (Array2<f64>, Laplace, DifferenceSettings
 fn residuals(
     jacobian: &Array2<f64>,
     noise_std: &[f64],
-    frames: &Differences<'_>,
+    frames: &DifferenceFrames<'_>,
     images: &Array2<f64>,
 ) -> Vec<f64> {
     let predicted = images.dot(&jacobian.t());
@@ -277,7 +277,7 @@ fn without_correlation_in_time_every_frame_is_one_step() {
         let mut good = Array2::from_elem(values.dim(), true);
         for masked in [vec![], vec![(1, 3), (1, 4), (4, 39)], (0..40).map(|i| (2, i)).collect()] {
             masked.into_iter().for_each(|at| good[at] = false);
-            let frames = Differences { values: values.view(), good: Some(good.view()) };
+            let frames = DifferenceFrames { values: values.view(), good: Some(good.view()) };
             let a = one.reconstruct_sequence(&frames).unwrap();
             let b = in_time.reconstruct_sequence(&frames).unwrap();
             // the same spectrum, the same sums in another order: measured 2e-15
@@ -403,7 +403,7 @@ fn wrong_data_is_refused() {
         let mut masked = good.clone();
         // a mask in that frame, but elsewhere
         masked[(2, 30)] = false;
-        let frames = Differences { values: bad.view(), good: Some(masked.view()) };
+        let frames = DifferenceFrames { values: bad.view(), good: Some(masked.view()) };
         let error = method.reconstruct_sequence(&frames).unwrap_err();
         assert!(
             matches!(error, InverseError::NonFiniteData { frame: 2, measurement: 11, value } if value.is_nan()),
@@ -419,7 +419,8 @@ fn refuses_wrong_data(method: &mut dyn SequenceSolver, values: &Array2<f64>) {
     for value in [f64::NAN, f64::INFINITY] {
         let mut bad = values.clone();
         bad[(1, 5)] = value;
-        let error = method.reconstruct_sequence(&Differences::all_good(bad.view())).unwrap_err();
+        let error =
+            method.reconstruct_sequence(&DifferenceFrames::all_good(bad.view())).unwrap_err();
         assert!(
             matches!(error, InverseError::NonFiniteData { frame: 1, measurement: 5, .. }),
             "{}: {error}",
@@ -427,11 +428,11 @@ fn refuses_wrong_data(method: &mut dyn SequenceSolver, values: &Array2<f64>) {
         );
     }
     let narrow = Array2::zeros((frames, measurements - 1));
-    let wrong = method.reconstruct_sequence(&Differences::all_good(narrow.view()));
+    let wrong = method.reconstruct_sequence(&DifferenceFrames::all_good(narrow.view()));
     assert!(matches!(wrong, Err(InverseError::WrongLength { .. })));
     for shape in [(frames - 1, measurements), (frames, measurements + 1)] {
         let good = Array2::from_elem(shape, true);
-        let frames = Differences { values: values.view(), good: Some(good.view()) };
+        let frames = DifferenceFrames { values: values.view(), good: Some(good.view()) };
         assert!(matches!(
             method.reconstruct_sequence(&frames),
             Err(InverseError::WrongLength { .. })
@@ -563,7 +564,7 @@ fn strong_contrast_from_a_finer_mesh_is_found_better_than_by_one_step() {
             let mut method =
                 AbsoluteGaussNewton::new(&coarse, &reference, &prior, settings).unwrap();
             let sequence =
-                method.reconstruct_sequence(&Differences::all_good(values.view())).unwrap();
+                method.reconstruct_sequence(&DifferenceFrames::all_good(values.view())).unwrap();
             assert_eq!(sequence.report.status, SequenceStatus::Converged);
             let report = &method.frame_reports()[0];
             assert!(never_rises(&report.objective), "{:?}", report.objective);
@@ -615,7 +616,7 @@ fn bounds_hold_exactly_and_the_objective_never_rises() {
             let mut method =
                 AbsoluteGaussNewton::new(&model, &reference, &prior, settings).unwrap();
             let sequence =
-                method.reconstruct_sequence(&Differences::all_good(values.view())).unwrap();
+                method.reconstruct_sequence(&DifferenceFrames::all_good(values.view())).unwrap();
             // the image is sigma - sigma_ref, rounded once more
             let [lower, upper] = bounds_s.map(|b| b - CONDUCTIVITY_S);
             assert!(sequence.images.iter().all(|x| (lower..=upper).contains(x)), "{bounds:?}");
@@ -676,7 +677,7 @@ fn the_objective_is_the_one_documented_and_the_image_its_minimum() {
     let mut method =
         AbsoluteGaussNewton::new(&small.model, &small.reference, &prior, settings).unwrap();
     let sequence =
-        method.reconstruct_sequence(&Differences::all_good(small.values.view())).unwrap();
+        method.reconstruct_sequence(&DifferenceFrames::all_good(small.values.view())).unwrap();
     assert_eq!(sequence.report.status, SequenceStatus::Converged);
     let mut random = Random(3);
     for (t, report) in method.frame_reports().iter().enumerate() {
@@ -805,7 +806,7 @@ fn normalised_data_of_the_iterated_reconstruction() {
     let [a, b] = [(plain, values), (normalised, ratios)].map(|(difference, values)| {
         let settings = AbsoluteSettings { difference, ..Default::default() };
         let mut method = AbsoluteGaussNewton::new(&model, &reference, &prior, settings).unwrap();
-        method.reconstruct_sequence(&Differences::all_good(values.view())).unwrap()
+        method.reconstruct_sequence(&DifferenceFrames::all_good(values.view())).unwrap()
     });
     // the same problem in other units, rounding of a few steps: measured 4e-13
     assert!(relative_difference(&b.images, &a.images) < 1e-10);

@@ -3,7 +3,9 @@
 use super::markov::{Belief, Markov, smooth};
 use super::modes::{Modes, whiten};
 use crate::check::check_length;
-use crate::{DifferenceSettings, Differences, ImageSequence, InverseError, Prior, SequenceSolver};
+use crate::{
+    DifferenceFrames, DifferenceSettings, ImageSequence, InverseError, Prior, SequenceSolver,
+};
 use ndarray::ArrayRef2;
 
 /// Smallest ratio of process noise to initial variance: below, `phi^2 C + q I` loses `q` in the
@@ -106,7 +108,7 @@ impl SequenceSolver for KalmanSmoother {
 
     fn reconstruct_sequence(
         &mut self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<ImageSequence, InverseError> {
         smooth(self.name(), &self.modes, &self.process, frames)
     }

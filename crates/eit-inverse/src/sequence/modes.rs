@@ -16,7 +16,7 @@ use crate::check::check_positive;
 use crate::data::Channels;
 use crate::one_step::Spectrum;
 use crate::one_step::{covariance_times, weighted_rows};
-use crate::{DifferenceSettings, Differences, InverseError, Prior};
+use crate::{DifferenceFrames, DifferenceSettings, InverseError, Prior};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};
 use ndarray::{Array2, ArrayRef2};
@@ -77,7 +77,7 @@ impl Modes {
     /// frame.
     pub(super) fn whiten_all(
         &self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<(Mat<f64>, Vec<Vec<usize>>), InverseError> {
         frames.check_shape(self.channels.count)?;
         let count = frames.values.nrows();

@@ -1,7 +1,7 @@
 //! One-step Gauss-Newton, frame by frame.
 
 use crate::{
-    Difference, Differences, FrameStatus, ImageSequence, InverseError, SequenceReport,
+    Difference, DifferenceFrames, FrameStatus, ImageSequence, InverseError, SequenceReport,
     SequenceSolver, SequenceStatus, Workspace,
 };
 use faer::Col;
@@ -21,7 +21,7 @@ impl Difference {
     /// The image of a frame; returns `|W^1/2 (J dsigma - dv)|` over good channels.
     fn frame(
         &self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
         t: usize,
         scratch: &mut Scratch,
         image: &mut [f64],
@@ -73,7 +73,7 @@ impl SequenceSolver for Difference {
     /// leave the masked channels out.
     fn reconstruct_sequence(
         &mut self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<ImageSequence, InverseError> {
         let start = Instant::now();
         frames.check_shape(self.reconstructor().measurements())?;

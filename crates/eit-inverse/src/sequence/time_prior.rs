@@ -2,7 +2,9 @@
 
 use super::markov::{Markov, smooth};
 use super::modes::Modes;
-use crate::{DifferenceSettings, Differences, ImageSequence, InverseError, Prior, SequenceSolver};
+use crate::{
+    DifferenceFrames, DifferenceSettings, ImageSequence, InverseError, Prior, SequenceSolver,
+};
 use ndarray::ArrayRef2;
 
 /// Settings of [`TimePrior`].
@@ -86,7 +88,7 @@ impl SequenceSolver for TimePrior {
 
     fn reconstruct_sequence(
         &mut self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<ImageSequence, InverseError> {
         smooth(self.name(), &self.modes, &self.process, frames)
     }

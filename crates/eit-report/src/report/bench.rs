@@ -2,7 +2,7 @@
 
 use crate::error::ReportError;
 use eit_inverse::metrics::Cells;
-use eit_inverse::{Differences, Prior, SequenceReport, SequenceSolver, StTv, Stop};
+use eit_inverse::{DifferenceFrames, Prior, SequenceReport, SequenceSolver, StTv, Stop};
 use eit_mesh::Raster;
 use eit_skin::Progress;
 use eit_skin::frames::Frames;
@@ -152,7 +152,7 @@ impl<'a> Entry<'a> {
         let mut solver = tv::solver(&jacobian, raster, keys, noise_std, &frames.used)?;
         let set_up_s = start.elapsed().as_secs_f64();
         let start = Instant::now();
-        let differences = Differences::all_good(values.view());
+        let differences = DifferenceFrames::all_good(values.view());
         let length_m = tv::time_length_m(raster);
         let weights = tv::chosen_weights(&mut solver, &differences, length_m)?;
         let choice = format!("lambda_space {:.2e}, {}", weights.lambda_space, weights.rule);
@@ -189,7 +189,7 @@ impl<'a> Entry<'a> {
     /// Reconstructs; `stop` counts for total variation. Movies are [frame, masked pixel], siemens.
     pub fn run(
         &mut self,
-        differences: &Differences<'_>,
+        differences: &DifferenceFrames<'_>,
         stop: &Stop,
     ) -> Result<(Array2<f64>, SequenceReport), ReportError> {
         match &mut self.runner {

@@ -13,7 +13,7 @@ use crate::method::Method;
 use crate::progress::Progress;
 use crate::scene::{Delta, DeltaRule, DifferenceKind, Reconstruction, Scene};
 use eit_inverse::{
-    ChosenWeights, Differences, Fidelity, Gradient, ImageSequence, SequenceReport, StTv,
+    ChosenWeights, DifferenceFrames, Fidelity, Gradient, ImageSequence, SequenceReport, StTv,
     StTvSettings, Stop, WeightStatus,
 };
 use eit_mesh::Raster;
@@ -160,7 +160,7 @@ pub fn reconstruct(
     let good = &frames.good & &ArrayView1::from(&frames.used);
     let quiet = match &known {
         Some(noise) => progress.stage("quiet frames", || {
-            let all = Differences { values: values.view(), good: Some(good.view()) };
+            let all = DifferenceFrames { values: values.view(), good: Some(good.view()) };
             Ok::<_, SkinError>(set_up(method, Some(noise))?.quiet_frames(&all)?)
         })?,
         None => vec![false; values.nrows()],
@@ -190,7 +190,7 @@ pub fn reconstruct(
     let mut solver =
         progress.stage("set-up of total variation", || set_up(method, movie.noise.as_ref()))?;
     movie.rank = solver.rank();
-    let differences = Differences { values: part.values.view(), good: Some(part.good.view()) };
+    let differences = DifferenceFrames { values: part.values.view(), good: Some(part.good.view()) };
     let length_m = time_length_m(raster);
     let of_recording = |error| part.of_recording(error);
     let weights = progress
@@ -239,7 +239,7 @@ fn weighting(known: Option<DataNoise>, keys: &Reconstruction, part: &Part) -> Op
 fn weights(
     solver: &mut StTv,
     keys: &Reconstruction,
-    frames: &Differences<'_>,
+    frames: &DifferenceFrames<'_>,
     (length_m, used): (f64, usize),
 ) -> Result<Weights, SkinError> {
     let delta = keys.delta.map(|delta| match delta {
@@ -274,7 +274,7 @@ fn weights(
 /// noise of one standard deviation, so that many times this weight hold the error.
 pub fn chosen_weights(
     solver: &mut StTv,
-    frames: &Differences<'_>,
+    frames: &DifferenceFrames<'_>,
     length_m: f64,
 ) -> Result<Weights, SkinError> {
     let chosen = solver.choose_weights(frames, length_m)?;

@@ -5,7 +5,7 @@ use super::super::scores::{Scores, Truth};
 use super::Recording;
 use super::floor::Floors;
 use crate::error::ReportError;
-use eit_inverse::Differences;
+use eit_inverse::DifferenceFrames;
 use eit_skin::Progress;
 use eit_skin::method::{self, Method};
 use eit_skin::pipeline::{self, tv};
@@ -149,7 +149,7 @@ fn total_variation(
         choice.push(entry.choice_s);
     }
     let values = simulated.frames.differences(bench.kind());
-    let differences = Differences::all_good(values.view());
+    let differences = DifferenceFrames::all_good(values.view());
     let stop = tv::stop(&scene.reconstruction);
     let ((movie, report), solve_s) = median_s(|| entry.run(&differences, &stop))?;
     let middle = |mut seconds: Vec<f64>| {

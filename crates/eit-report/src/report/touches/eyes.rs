@@ -189,6 +189,6 @@ fn tv_image(
 ) -> Result<Vec<f64>, ReportError> {
     let values = difference(lab, frame, reference);
     let stop = Stop { target_gap: TARGET_GAP, ..Default::default() };
-    let movie = solver.solve(&eit_inverse::Differences::all_good(values.view()), &stop)?;
+    let movie = solver.solve(&eit_inverse::DifferenceFrames::all_good(values.view()), &stop)?;
     Ok(movie.images.row(0).to_vec())
 }

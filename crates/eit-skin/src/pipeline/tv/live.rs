@@ -13,7 +13,7 @@ use crate::pipeline::expected::{self, Places};
 use crate::pipeline::noise::{self, DataNoise};
 use crate::pipeline::{Linearised, Setup, difference_data};
 use crate::scene::{Delta, Scene};
-use eit_inverse::{Differences, Fidelity, StTvStream, StreamSettings};
+use eit_inverse::{DifferenceFrames, Fidelity, StTvStream, StreamSettings};
 use eit_mesh::Raster;
 use ndarray::Array2;
 
@@ -65,7 +65,7 @@ pub fn stream(
     let with = |noise: &DataNoise| {
         solver(&jacobian, raster, (method, keys), Some(noise.std.clone()), &frames.used)
     };
-    let differences = Differences { values: expected.view(), good: Some(good.view()) };
+    let differences = DifferenceFrames { values: expected.view(), good: Some(good.view()) };
     let mut trial = with(&raised)?;
     let mut weights = weights(&mut trial, keys, &differences, (time_length_m(raster), used))?;
     // the window weighs by the noise alone, which tells a quiet skin from a faint touch
