@@ -72,7 +72,7 @@ pub enum InverseError {
     /// hyperparameter they carry a part of the image almost alone.
     #[error(
         "leaving {left_out} measurements out of this reconstruction would err by {expected_error:.0e} of \
-         the image: use `Difference::restricted_to` or a larger hyperparameter"
+         the image: use `OneStepGaussNewton::restricted_to` or a larger hyperparameter"
     )]
     LeftOutDominates {
         /// How many are left out.

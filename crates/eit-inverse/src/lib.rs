@@ -19,8 +19,8 @@ pub use data::{DifferenceData, DifferenceKind, FrameStatus};
 pub use error::InverseError;
 pub use noise::{NuisanceParameters, noise_std_of_quiet_frames};
 pub use one_step::{
-    Chosen, CurvePoint, Difference, DifferenceSettings, HyperparameterChoice, HyperparameterStatus,
-    NoiseTarget, Reconstructor, Report, Workspace,
+    ChosenHyperparameter, CurvePoint, HyperparameterChoice, HyperparameterStatus, NoiseTarget,
+    OneStepGaussNewton, OneStepReport, OneStepSettings, Reconstructor, Workspace,
 };
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
 pub use sequence::{

@@ -6,8 +6,8 @@ mod common;
 
 use common::{Random, adjacent, disc, jacobian, relative_difference};
 use eit_inverse::{
-    Difference, DifferenceData, DifferenceSettings, FrameStatus, InverseError, Laplace,
-    LaplaceSettings, Noser, Reconstructor, Tikhonov,
+    DifferenceData, FrameStatus, InverseError, Laplace, LaplaceSettings, Noser, OneStepGaussNewton,
+    OneStepSettings, Reconstructor, Tikhonov,
 };
 use eit_mesh::Raster;
 use ndarray::Array2;
@@ -17,7 +17,7 @@ use proptest::prelude::*;
 /// channel to channel: noise, normalised data, a channel that is never used.
 struct Scene {
     jacobian: Array2<f64>,
-    settings: DifferenceSettings,
+    settings: OneStepSettings,
     frame: Vec<f64>,
     reference_frame: Vec<f64>,
 }
@@ -31,7 +31,7 @@ fn scene(hyperparameter: f64) -> Scene {
     let mut draw = |low: f64| (0..count).map(|_| low + random.uniform()).collect::<Vec<f64>>();
     let (noise_std, model_voltages_v, reference_frame) = (draw(0.5), draw(1.0), draw(1.0));
     let frame = reference_frame.iter().zip(draw(-0.5)).map(|(v, x)| v * (1.0 + 0.1 * x)).collect();
-    let settings = DifferenceSettings {
+    let settings = OneStepSettings {
         hyperparameter,
         data: DifferenceData::Normalised { model_voltages_v },
         noise_std: Some(noise_std),
@@ -42,7 +42,7 @@ fn scene(hyperparameter: f64) -> Scene {
 
 /// The hyperparameter at which `built` weighs its prior as `full` does, in absolute weights
 /// `lambda^2 s / noise_scale^2`.
-fn same_damping(full: &Difference, built: &Difference) -> f64 {
+fn same_damping(full: &OneStepGaussNewton, built: &OneStepGaussNewton) -> f64 {
     let (full, built) = (full.report(), built.report());
     let root = |scale: f64, noise: Option<f64>| scale.sqrt() / noise.unwrap_or(1.0);
     full.hyperparameter * root(full.scale, full.noise_scale) / root(built.scale, built.noise_scale)
@@ -80,13 +80,13 @@ fn a_frame_without_bad_values_is_as_if_they_were_never_measured() {
     let raster = Raster::new(&surface, 10).unwrap();
     for hyperparameter in [1e-3, 0.03, 1.0] {
         let Scene { jacobian, settings, frame, reference_frame } = scene(hyperparameter);
-        let full = Difference::new(&jacobian, &prior, settings.clone()).unwrap();
+        let full = OneStepGaussNewton::new(&jacobian, &prior, settings.clone()).unwrap();
         let on_raster = full.on_raster(raster.pixel_from_element()).unwrap();
         for bad in sets() {
             let case = format!("lambda {hyperparameter}, {} left out", bad.len());
             let used: Vec<bool> = (0..40).map(|i| i != UNUSED && !bad.contains(&i)).collect();
-            let built = DifferenceSettings { used: Some(used.clone()), ..settings.clone() };
-            let mut built = Difference::new(&jacobian, &prior, built).unwrap();
+            let built = OneStepSettings { used: Some(used.clone()), ..settings.clone() };
+            let mut built = OneStepGaussNewton::new(&jacobian, &prior, built).unwrap();
             built.set_hyperparameter(same_damping(&full, &built)).unwrap();
             let mut restricted = full.restricted_to(&used).unwrap();
             restricted.set_hyperparameter(same_damping(&full, &restricted)).unwrap();
@@ -138,8 +138,8 @@ proptest! {
         let mut random = Random(seed);
         let jacobian = random.matrix(m, rank).dot(&random.matrix(rank, n));
         let settings =
-            DifferenceSettings { hyperparameter: 10_f64.powf(power), ..Default::default() };
-        let full = Difference::new(&jacobian, &Noser { exponent: 0.0 }, settings).unwrap();
+            OneStepSettings { hyperparameter: 10_f64.powf(power), ..Default::default() };
+        let full = OneStepGaussNewton::new(&jacobian, &Noser { exponent: 0.0 }, settings).unwrap();
         let mut bad: Vec<usize> = (0..m).filter(|_| random.uniform() < part).collect();
         if bad.len() == m {
             bad.pop();
@@ -179,7 +179,7 @@ proptest! {
 fn a_workspace_serves_sets_of_every_size_in_any_order() {
     let Scene { jacobian, settings, frame, reference_frame } = scene(0.03);
     let prior = Tikhonov::new(&disc(0.1, 8));
-    let full = Difference::new(&jacobian, &prior, settings).unwrap();
+    let full = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
     let map = full.reconstructor();
     let mut workspace = map.workspace();
     let mut image = vec![0.0; map.image_len()];
@@ -196,7 +196,7 @@ fn a_workspace_serves_sets_of_every_size_in_any_order() {
 fn wrong_sets_are_named() {
     let Scene { jacobian, settings, frame, reference_frame } = scene(0.03);
     let prior = Tikhonov::new(&disc(0.1, 8));
-    let full = Difference::new(&jacobian, &prior, settings).unwrap();
+    let full = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
     let map = full.reconstructor();
     let mut image = vec![0.0; map.image_len()];
     let mut workspace = map.workspace();

@@ -13,7 +13,7 @@ use common::{Random, disc, jacobian, target};
 use eit_inverse::metrics::Cells;
 use eit_inverse::touch::{NoiseFloor, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
-    AdaptiveReference, Difference, DifferenceSettings, InverseError, Laplace, LaplaceSettings,
+    AdaptiveReference, InverseError, Laplace, LaplaceSettings, OneStepGaussNewton, OneStepSettings,
     ReferenceSettings, ReferenceState,
 };
 use eit_mesh::Raster;
@@ -176,7 +176,8 @@ fn thermal_drift_is_no_touch_and_does_not_move_one() {
         let rms = (rest.iter().map(|v| v * v).sum::<f64>() / rest.len() as f64).sqrt();
         let noise = 1e-3 * rms;
         let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
-        let inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+        let inverse =
+            OneStepGaussNewton::new(&jacobian, &prior, OneStepSettings::default()).unwrap();
         let raster = Raster::new(&surface, 24).unwrap();
         let to_pixels = inverse.on_raster(raster.pixel_from_element()).unwrap();
         let floor = NoiseFloor::of_reconstruction(&to_pixels, &[noise; CHANNELS]).unwrap();

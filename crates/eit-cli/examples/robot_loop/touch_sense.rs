@@ -6,8 +6,8 @@ use eit_hw::{Frame, HwError};
 use eit_inverse::metrics::Cells;
 use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
-    AdaptiveReference, Difference, DifferenceSettings, FrameStatus, HyperparameterChoice, Laplace,
-    LaplaceSettings, NoiseTarget, Reconstructor, ReferenceSettings, Workspace,
+    AdaptiveReference, FrameStatus, HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget,
+    OneStepGaussNewton, OneStepSettings, Reconstructor, ReferenceSettings, Workspace,
 };
 use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
 use ndarray::Array2;
@@ -55,7 +55,7 @@ impl TouchSense {
         let (mesh, model, protocol) = model(0.006)?;
         let jacobian = model.jacobian(&vec![SHEET_S; model.elements()])?;
         let prior = Laplace::new(mesh.surface(), &LaplaceSettings::default())?;
-        let mut inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default())?;
+        let mut inverse = OneStepGaussNewton::new(&jacobian, &prior, OneStepSettings::default())?;
         let target = NoiseTarget::central(mesh.surface(), &jacobian)?;
         let rule = HyperparameterChoice::NoiseFigure { figure: 1.0, target: &target };
         inverse.choose_hyperparameter(&rule)?;

@@ -77,7 +77,7 @@ impl Reconstructor {
     }
 
     /// Length of an image: elements, or pixels after
-    /// [`on_raster`](crate::Difference::on_raster).
+    /// [`on_raster`](crate::OneStepGaussNewton::on_raster).
     pub fn image_len(&self) -> usize {
         self.image_len
     }
@@ -211,9 +211,10 @@ impl Reconstructor {
     ///
     /// Equal, up to rounding, to a reconstruction built without them at the same weight of the
     /// prior `mu = lambda^2 s`, not at the same lambda, since the scale `s` is a mean over the used
-    /// measurements: [`Difference::restricted_to`](crate::Difference::restricted_to) gives the same
-    /// image at the lambda times `sqrt(s / s')`, with its own scale `s'`. So a frame with a failed
-    /// channel has the smoothness and the amplitude of its neighbours.
+    /// measurements:
+    /// [`OneStepGaussNewton::restricted_to`](crate::OneStepGaussNewton::restricted_to) gives the
+    /// same image at the lambda times `sqrt(s / s')`, with its own scale `s'`. So a frame with a
+    /// failed channel has the smoothness and the amplitude of its neighbours.
     ///
     /// For `k` bad ones costs `k^2 r + k^3 / 3` flops beside the frame's own: nothing to speak of
     /// for a handful, half a frame more for one electrode of 16. Memory for it (`k^2 + k r` values)

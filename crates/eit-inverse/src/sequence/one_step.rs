@@ -1,7 +1,7 @@
 //! One-step Gauss-Newton, frame by frame.
 
 use crate::{
-    Difference, DifferenceFrames, FrameStatus, ImageSequence, InverseError, SequenceReport,
+    DifferenceFrames, FrameStatus, ImageSequence, InverseError, OneStepGaussNewton, SequenceReport,
     SequenceSolver, SequenceStatus, Workspace,
 };
 use faer::Col;
@@ -17,7 +17,7 @@ struct Scratch {
     bad: Vec<usize>,
 }
 
-impl Difference {
+impl OneStepGaussNewton {
     /// The image of a frame; returns `|W^1/2 (J dsigma - dv)|` over good channels.
     fn frame(
         &self,
@@ -55,7 +55,7 @@ impl Difference {
     }
 }
 
-/// [`Difference`] on every frame of a sequence, none knowing of the others.
+/// [`OneStepGaussNewton`] on every frame of a sequence, none knowing of the others.
 ///
 /// Images are `[frame, element]`, siemens (per square). Channels that are masked in a frame are left
 /// out of it exactly ([`Reconstructor::reconstruct_without_into`]); a frame without a good channel
@@ -63,7 +63,7 @@ impl Difference {
 /// residual, which the eigen-expansion gives without the Jacobian.
 ///
 /// [`Reconstructor::reconstruct_without_into`]: crate::Reconstructor::reconstruct_without_into
-impl SequenceSolver for Difference {
+impl SequenceSolver for OneStepGaussNewton {
     fn name(&self) -> &'static str {
         "one-step"
     }

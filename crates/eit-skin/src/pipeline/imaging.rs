@@ -7,8 +7,8 @@ use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Hyperparameter, PriorKind, Rule, Scene};
 use eit_denoise::ImageStack;
 use eit_inverse::{
-    Chosen, Difference, DifferenceSettings, Gaussian, GaussianSettings, HyperparameterChoice,
-    Laplace, LaplaceSettings, NoiseTarget, Noser, Prior, Tikhonov,
+    ChosenHyperparameter, Gaussian, GaussianSettings, HyperparameterChoice, Laplace,
+    LaplaceSettings, NoiseTarget, Noser, OneStepGaussNewton, OneStepSettings, Prior, Tikhonov,
 };
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView1, Axis};
@@ -16,9 +16,9 @@ use ndarray::{Array2, ArrayView1, Axis};
 /// A reconstruction ready for frames.
 pub struct Imaging {
     /// On elements.
-    pub difference: Difference,
+    pub difference: OneStepGaussNewton,
     /// How the hyperparameter was chosen.
-    pub chosen: Chosen,
+    pub chosen: ChosenHyperparameter,
     /// The rule in words.
     pub rule: String,
     /// Pixels of the pictures.
@@ -56,7 +56,7 @@ pub fn imaging(
     let settings = settings(scene, setup, linearised, &frames.used)?;
     let prior = prior(scene, setup)?;
     let mut difference = progress.stage("reconstruction matrix", || {
-        Difference::new(&linearised.jacobian, prior.as_ref(), settings)
+        OneStepGaussNewton::new(&linearised.jacobian, prior.as_ref(), settings)
     })?;
     let (chosen, rule) = progress
         .stage("hyperparameter", || choose(scene, setup, linearised, frames, &mut difference))?;
@@ -70,11 +70,11 @@ pub fn settings(
     setup: &Setup,
     linearised: &Linearised,
     used: &[bool],
-) -> Result<DifferenceSettings, SkinError> {
+) -> Result<OneStepSettings, SkinError> {
     let data = difference_data(scene.difference_kind(&setup.protocol), linearised);
     let additive = scene.noise.additive_v.map(|e| vec![e; setup.protocol.measurements()]);
     let noise_std = additive.map(|noise_std_v| data.noise_std(&noise_std_v)).transpose()?;
-    Ok(DifferenceSettings { data, noise_std, used: Some(used.to_vec()), ..Default::default() })
+    Ok(OneStepSettings { data, noise_std, used: Some(used.to_vec()), ..Default::default() })
 }
 
 /// Chooses the hyperparameter by the scene's rule; the rule in words.
@@ -83,8 +83,8 @@ pub fn choose(
     setup: &Setup,
     linearised: &Linearised,
     frames: &Frames,
-    difference: &mut Difference,
-) -> Result<(Chosen, String), SkinError> {
+    difference: &mut OneStepGaussNewton,
+) -> Result<(ChosenHyperparameter, String), SkinError> {
     let keys = &scene.reconstruction;
     let target;
     let figure = keys.noise_figure.unwrap_or(DEFAULT_NOISE_FIGURE);

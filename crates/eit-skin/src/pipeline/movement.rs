@@ -28,7 +28,7 @@ use crate::frames::Frames;
 use crate::method::Method;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Scene};
-use eit_inverse::{Chosen, Difference, NuisanceParameters};
+use eit_inverse::{ChosenHyperparameter, NuisanceParameters, OneStepGaussNewton};
 use ndarray::{Array2, ArrayView1};
 
 /// Model without what electrodes that move explain, and what takes it out of differences.
@@ -56,7 +56,7 @@ pub struct Freed {
     pub note: Option<String>,
     /// Where the prior is Gaussian: the reconstruction of the data as they came, how its
     /// hyperparameter was chosen, and the rule in words.
-    before: Option<(Difference, Chosen, String)>,
+    before: Option<(OneStepGaussNewton, ChosenHyperparameter, String)>,
 }
 
 /// How far electrodes move, for people.
@@ -70,7 +70,7 @@ pub fn take_out(
     scene: &Scene,
     (setup, linearised): (&Setup, &Linearised),
     (noise, used): (&DataNoise, &[bool]),
-    before: Option<&Difference>,
+    before: Option<&OneStepGaussNewton>,
 ) -> Result<Option<TakenOut>, SkinError> {
     let (Some(movement_m), Some(movement)) =
         (scene.reconstruction.electrode_movement_m, &linearised.movement)
@@ -186,12 +186,12 @@ fn before(
     (setup, linearised): (&Setup, &Linearised),
     (frames, noise): (&Frames, &DataNoise),
     progress: &mut Progress,
-) -> Result<(Difference, Chosen, String), SkinError> {
+) -> Result<(OneStepGaussNewton, ChosenHyperparameter, String), SkinError> {
     let mut settings = settings(scene, setup, linearised, &frames.used)?;
     settings.noise_std = Some(noise.std.clone());
     let prior = prior(scene, setup)?;
     progress.stage("hyperparameter", || {
-        let mut before = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
+        let mut before = OneStepGaussNewton::new(&linearised.jacobian, prior.as_ref(), settings)?;
         let (chosen, rule) = choose(scene, setup, linearised, frames, &mut before)?;
         Ok((before, chosen, format!("{rule} of the data with movement")))
     })
@@ -211,7 +211,7 @@ impl Freed {
         let prior = prior(scene, setup)?;
         let difference = progress.stage("reconstruction matrix", || {
             let jacobian = &self.linearised.jacobian;
-            let mut difference = Difference::new(jacobian, prior.as_ref(), settings)?;
+            let mut difference = OneStepGaussNewton::new(jacobian, prior.as_ref(), settings)?;
             difference.set_prior_of(before)?;
             Ok::<_, SkinError>(difference)
         })?;

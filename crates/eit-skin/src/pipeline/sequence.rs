@@ -8,7 +8,7 @@ use eit_inverse::sequence::{
     AbsoluteGaussNewton, AbsoluteSettings, KalmanSettings, KalmanSmoother, TimePrior,
     TimePriorSettings,
 };
-use eit_inverse::{Difference, DifferenceSettings, Prior, SequenceSolver};
+use eit_inverse::{OneStepGaussNewton, OneStepSettings, Prior, SequenceSolver};
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView2};
 
@@ -23,24 +23,24 @@ pub fn method<'a>(
     scene: &Scene,
     (setup, linearised): (&'a Setup, &Linearised),
     prior: &'a dyn Prior,
-    settings: DifferenceSettings,
+    settings: OneStepSettings,
 ) -> Result<Option<Box<dyn SequenceSolver + 'a>>, SkinError> {
     let jacobian = &linearised.jacobian;
-    let difference = settings;
+    let one_step = settings;
     Ok(Some(match method {
         Method::StTv | Method::Tv => return Ok(None),
-        Method::GaussNewton => Box::new(Difference::new(jacobian, prior, difference)?),
+        Method::GaussNewton => Box::new(OneStepGaussNewton::new(jacobian, prior, one_step)?),
         Method::TimePrior => {
-            let settings = TimePriorSettings { difference, ..Default::default() };
+            let settings = TimePriorSettings { one_step, ..Default::default() };
             Box::new(TimePrior::new(jacobian, prior, &settings)?)
         }
         Method::Kalman => {
-            let settings = KalmanSettings { difference, ..Default::default() };
+            let settings = KalmanSettings { one_step, ..Default::default() };
             Box::new(KalmanSmoother::new(jacobian, prior, &settings)?)
         }
         Method::GaussNewtonAbsolute => {
             let bounds_s = bounds_s(scene);
-            let settings = AbsoluteSettings { difference, bounds_s, ..Default::default() };
+            let settings = AbsoluteSettings { one_step, bounds_s, ..Default::default() };
             let background = vec![scene.skin.conductivity_s; setup.model.elements()];
             Box::new(AbsoluteGaussNewton::new(&setup.model, &background, prior, settings)?)
         }

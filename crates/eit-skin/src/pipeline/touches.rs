@@ -12,8 +12,8 @@ use crate::scene::{DifferenceKind, Scene, TouchSign};
 use eit_inverse::metrics::{Cells, ChangeSign};
 use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
-    AdaptiveReference, Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget,
-    NuisanceParameters, Reconstructor, ReferenceSettings, Workspace,
+    AdaptiveReference, HyperparameterChoice, NoiseTarget, NuisanceParameters, OneStepGaussNewton,
+    OneStepSettings, Reconstructor, ReferenceSettings, Workspace,
 };
 use eit_mesh::Raster;
 use ndarray::{ArrayView3, Axis};
@@ -293,7 +293,8 @@ fn detector(
     settings.noise_std = Some(noise.std.clone());
     let prior = prior(scene, setup)?;
     let (difference, chosen, side) = progress.stage("detector of touches", || {
-        let mut difference = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
+        let mut difference =
+            OneStepGaussNewton::new(&linearised.jacobian, prior.as_ref(), settings)?;
         let target = NoiseTarget::central(setup.mesh.surface(), &linearised.jacobian)?;
         let figure = super::DEFAULT_NOISE_FIGURE;
         let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
@@ -304,8 +305,8 @@ fn detector(
             return Ok((difference, chosen, None));
         };
         let used = Some(frames.used.clone());
-        let settings = DifferenceSettings { used, ..Default::default() };
-        let mut left = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
+        let settings = OneStepSettings { used, ..Default::default() };
+        let mut left = OneStepGaussNewton::new(&linearised.jacobian, prior.as_ref(), settings)?;
         left.set_prior_of(&difference)?;
         Ok::<_, SkinError>((left, chosen, Some(side)))
     })?;

@@ -7,8 +7,8 @@ use eit_inverse::touch::{
     Bell, FitResult, FitSettings, NoiseFloor, Touch, TouchFit, TouchStream, TouchStreamSettings,
 };
 use eit_inverse::{
-    Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget, Reconstructor, StTv, Stop,
-    Workspace,
+    HyperparameterChoice, NoiseTarget, OneStepGaussNewton, OneStepSettings, Reconstructor, StTv,
+    Stop, Workspace,
 };
 use eit_skin::method::Method;
 use eit_skin::pipeline::{self, Setup};
@@ -149,9 +149,9 @@ pub(super) fn one_step(
     let data = pipeline::difference_data(bench.kind(), &bench.linearised);
     let noise_std = data.noise_std(&vec![noise_std_v; lab.reference_v.len()])?;
     let settings =
-        DifferenceSettings { data, noise_std: Some(noise_std.clone()), ..Default::default() };
+        OneStepSettings { data, noise_std: Some(noise_std.clone()), ..Default::default() };
     let mut difference =
-        Difference::new(&bench.linearised.jacobian, bench.prior.as_ref(), settings)?;
+        OneStepGaussNewton::new(&bench.linearised.jacobian, bench.prior.as_ref(), settings)?;
     let surface = bench.setup.mesh.surface();
     let target = NoiseTarget::central(surface, &bench.linearised.jacobian)?;
     let figure = pipeline::DEFAULT_NOISE_FIGURE;
