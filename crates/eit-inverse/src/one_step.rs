@@ -4,12 +4,12 @@
 //! |---|---|
 //! | `gauss_newton`, `settings`, `report` | [`OneStepGaussNewton`](crate::OneStepGaussNewton): set-up |
 //! | `whitened`, `spectrum` | the weighted problem and its eigen-expansion, which methods of sequences share |
-//! | `reconstructor`, `left_out` | frames to images, bad values left out |
+//! | `reconstructor`, `missing` | frames to images, with masked values left out |
 //! | `hyperparameter` | rules that choose lambda |
 
 mod gauss_newton;
 mod hyperparameter;
-mod left_out;
+mod missing;
 mod reconstructor;
 mod report;
 mod settings;

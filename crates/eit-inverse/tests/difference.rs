@@ -561,7 +561,7 @@ fn a_frame_that_equals_its_reference_is_zero_without_a_product() {
         let mut one = |frame: &[f64], bad: &[usize]| {
             let status = match bad {
                 [] => map.reconstruct_into(frame, &reference, &mut memory, &mut image),
-                _ => map.reconstruct_without_into(frame, &reference, bad, &mut memory, &mut image),
+                _ => map.reconstruct_masked_into(frame, &reference, bad, &mut memory, &mut image),
             };
             status.map(|status| (status, image.clone()))
         };

@@ -18,7 +18,7 @@ const LEFT_OUT: [&str; 8] = [
     "metrics",
     "noise",
     "one_step::hyperparameter",
-    "one_step::left_out",
+    "one_step::missing",
     "sequence",
     "st_tv",
     "touch",

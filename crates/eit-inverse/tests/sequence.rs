@@ -304,7 +304,7 @@ fn masked_everywhere_is_built_without() {
         report.scale / report.noise_scale.unwrap().powi(2)
     };
     let mut without = OneStepSettings { used: Some(used), ..difference.clone() };
-    // the same lambda^2 s, see `Reconstructor::reconstruct_without_into`
+    // the same lambda^2 s, see `Reconstructor::reconstruct_masked_into`
     without.hyperparameter *= (scale(&difference) / scale(&without)).sqrt();
     let one = |settings: &OneStepSettings| -> Box<dyn SequenceSolver> {
         Box::new(one_step(&jacobian, &prior, settings))

@@ -106,7 +106,7 @@ impl TouchSense {
         if self.bad.is_empty() {
             reference.push(&frame.values, time_s, self.touched)?;
         }
-        let status = self.to_pixels.reconstruct_without_into(
+        let status = self.to_pixels.reconstruct_masked_into(
             &frame.values,
             reference.reference(),
             &self.bad,

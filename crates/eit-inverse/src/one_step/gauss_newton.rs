@@ -93,8 +93,8 @@ impl OneStepGaussNewton {
     ///
     /// Costs `m r^2 + 2 n r^2` flops; the prior is not needed again. `used` is `[measurement]`.
     /// Measurements left out before cannot come back; keep the full reconstruction for that. The
-    /// hyperparameter stays. For a few bad values in single frames
-    /// [`Reconstructor::reconstruct_without_into`] is far cheaper.
+    /// hyperparameter stays. For a few masked values in single frames
+    /// [`Reconstructor::reconstruct_masked_into`] is far cheaper.
     ///
     /// # Errors
     /// Wrong length, nothing left, [`InverseError::NotAvailable`].

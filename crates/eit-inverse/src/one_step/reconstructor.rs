@@ -1,7 +1,7 @@
 //! Frames to images: the part that runs for every frame.
 //! Long because one type has every way from a frame to an image.
 
-use super::left_out::{Damping, LeftOut};
+use super::missing::{Damping, MissingData};
 use super::spectrum::Spectrum;
 use crate::InverseError;
 use crate::check::check_length;
@@ -16,7 +16,7 @@ use ndarray::{Array1, Array2, ArrayView2};
 pub struct Workspace {
     difference: Vec<f64>,
     coefficients: Vec<f64>,
-    left_out: LeftOut,
+    missing: MissingData,
 }
 
 impl Workspace {
@@ -87,7 +87,7 @@ impl Reconstructor {
         Workspace {
             difference: vec![0.0; self.channels.used.len()],
             coefficients: vec![0.0; self.rank],
-            left_out: LeftOut::default(),
+            missing: MissingData::default(),
         }
     }
 
@@ -172,23 +172,23 @@ impl Reconstructor {
     }
 
     /// [`reconstruct_difference_into`](Self::reconstruct_difference_into) without the measurements
-    /// `bad` (protocol indices), as [`reconstruct_without_into`](Self::reconstruct_without_into)
+    /// `masked` (protocol indices), as [`reconstruct_masked_into`](Self::reconstruct_masked_into)
     /// leaves them out.
     ///
     /// # Errors
     /// As both.
-    pub fn reconstruct_difference_without_into(
+    pub fn reconstruct_masked_difference_into(
         &self,
         difference: &[f64],
-        bad: &[usize],
+        masked: &[usize],
         workspace: &mut Workspace,
         image: &mut [f64],
     ) -> Result<FrameStatus, InverseError> {
         self.check_memory(workspace, image)?;
         check_length("difference", difference.len(), self.channels.used.len())?;
-        workspace.left_out.choose(&self.channels, bad)?;
+        workspace.missing.choose(&self.channels, masked)?;
         workspace.difference.copy_from_slice(difference);
-        workspace.left_out.indices.iter().for_each(|&k| workspace.difference[k] = 0.0);
+        workspace.missing.indices.iter().for_each(|&k| workspace.difference[k] = 0.0);
         let status = self.check_difference(&workspace.difference)?;
         self.complete(status, workspace, image)?;
         Ok(status)
@@ -205,7 +205,7 @@ impl Reconstructor {
         Ok(if unchanged { FrameStatus::Unchanged } else { FrameStatus::Computed })
     }
 
-    /// [`reconstruct_into`](Self::reconstruct_into) without the measurements `bad` of this frame
+    /// [`reconstruct_into`](Self::reconstruct_into) without the measurements `masked` of this frame
     /// (protocol indices, 0-based, in any order, repeated or not; unused ones change nothing).
     /// Their values in frame and reference frame are never looked at: they may be NaN.
     ///
@@ -216,28 +216,28 @@ impl Reconstructor {
     /// same image at the lambda times `sqrt(s / s')`, with its own scale `s'`. So a frame with a
     /// failed channel has the smoothness and the amplitude of its neighbours.
     ///
-    /// For `k` bad ones costs `k^2 r + k^3 / 3` flops beside the frame's own: nothing to speak of
+    /// For `k` masked ones costs `k^2 r + k^3 / 3` flops beside the frame's own: nothing to speak of
     /// for a handful, half a frame more for one electrode of 16. Memory for it (`k^2 + k r` values)
     /// is kept in the workspace: it allocates where a set is larger than any before.
     ///
     /// # Errors
     /// As [`reconstruct_into`](Self::reconstruct_into); [`InverseError::UnknownMeasurement`];
-    /// [`InverseError::NothingUsed`]; [`InverseError::LeftOutDominates`] for a hyperparameter so
+    /// [`InverseError::NothingUsed`]; [`InverseError::MaskedDominates`] for a hyperparameter so
     /// small that an error above 1e-6 of the image is to be expected from rounding (1e-5 and below
     /// for one electrode of 16; the worst let through of 20 000 random problems was off by 9e-6),
     /// unless what is left equals the reference: that image is zero for any hyperparameter.
-    pub fn reconstruct_without_into(
+    pub fn reconstruct_masked_into(
         &self,
         frame: &[f64],
         reference_frame: &[f64],
-        bad: &[usize],
+        masked: &[usize],
         workspace: &mut Workspace,
         image: &mut [f64],
     ) -> Result<FrameStatus, InverseError> {
         self.check_memory(workspace, image)?;
-        let Workspace { difference, left_out, .. } = workspace;
-        left_out.choose(&self.channels, bad)?;
-        let indices = &left_out.indices;
+        let Workspace { difference, missing, .. } = workspace;
+        missing.choose(&self.channels, masked)?;
+        let indices = &missing.indices;
         let status =
             self.channels.difference_into(0, frame, reference_frame, indices, difference)?;
         self.complete(status, workspace, image)?;
@@ -251,7 +251,7 @@ impl Reconstructor {
         workspace: &mut Workspace,
         image: &mut [f64],
     ) -> Result<(), InverseError> {
-        let Workspace { difference, coefficients, left_out } = workspace;
+        let Workspace { difference, coefficients, missing } = workspace;
         if status == FrameStatus::Unchanged {
             // whatever is filled in, nothing speaks against zero
             image.fill(0.0);
@@ -259,7 +259,7 @@ impl Reconstructor {
         }
         self.to_coefficients(difference, coefficients);
         let root_weights = &self.channels.root_weights;
-        left_out.complete(self.data_rows(), root_weights, &self.damping, coefficients)?;
+        missing.complete(self.data_rows(), root_weights, &self.damping, coefficients)?;
         self.to_image(coefficients, image);
         Ok(())
     }

@@ -149,7 +149,7 @@ impl Imaging {
                 let values = frames.values.row(frame).to_vec();
                 let (reference, memory) = (&frames.reference, &mut workspace);
                 reconstructor
-                    .reconstruct_without_into(&values, reference, &bad, memory, &mut image)
+                    .reconstruct_masked_into(&values, reference, &bad, memory, &mut image)
                     .map_err(|e| SkinError::from(e).within(&format!("frame {frame}")))?;
                 pixels.row_mut(frame).assign(&ArrayView1::from(&image));
                 bar.inc();

@@ -182,7 +182,7 @@ impl TouchFinder {
             None => {
                 let bad = &self.bad;
                 self.reconstructor
-                    .reconstruct_without_into(values, reference, bad, memory, pixels)?;
+                    .reconstruct_masked_into(values, reference, bad, memory, pixels)?;
             }
             Some(whitening) if self.bad.is_empty() => {
                 let white = whitening.of(values, reference)?;
