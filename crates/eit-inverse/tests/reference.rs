@@ -151,7 +151,7 @@ fn rezero_is_immediate_and_nothing_else_is() {
     let (mut skin, mut reference) = start(3, ReferenceSettings::default());
     for k in 1..2000 {
         let step = reference.push(skin.frame(1.0, 1.0), k as f64 / RATE_HZ, false).unwrap();
-        assert_eq!(step.state, ReferenceState::Unquiet);
+        assert_eq!(step.state, ReferenceState::Disturbed);
         assert!(step.held_s > (k as f64 - 1.5) / RATE_HZ || k < 3);
     }
     reference.rezero();
