@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 
+// Modules import one way: error, check, geometry; then data, noise, prior; then one_step, sequence and
+// st_tv. touch stands on metrics, noise and one_step; calibration on data. No two files import each other.
 mod calibration;
 mod check;
 mod data;

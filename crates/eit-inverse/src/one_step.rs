@@ -4,11 +4,12 @@
 //! |---|---|
 //! | `gauss_newton`, `settings`, `report` | [`OneStepGaussNewton`](crate::OneStepGaussNewton): set-up |
 //! | `whitened`, `spectrum` | the weighted problem and its eigen-expansion, which methods of sequences share |
-//! | `reconstructor`, `missing` | frames to images, with masked values left out |
+//! | `reconstructor`; `masked`, `missing` | frames to images; without masked measurements |
 //! | `hyperparameter` | rules that choose lambda |
 
 mod gauss_newton;
 mod hyperparameter;
+mod masked;
 mod missing;
 mod reconstructor;
 mod report;
