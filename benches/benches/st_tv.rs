@@ -4,7 +4,9 @@
 
 use benches::Result;
 use criterion::{BenchmarkId, Criterion, SamplingMode};
-use eit_inverse::{Differences, Gradient, StTv, StTvSettings, StTvStream, Stop, StreamSettings};
+use eit_inverse::{
+    DifferenceFrames, Gradient, StTv, StTvSettings, StTvStream, Stop, StreamSettings,
+};
 use std::time::Duration;
 
 fn main() -> Result<()> {
@@ -23,7 +25,7 @@ fn main() -> Result<()> {
         };
         let new = || StTv::new(&problem.jacobian, &gradient, settings.clone());
         let solver = new()?;
-        let frames = Differences::all_good(problem.values.view());
+        let frames = DifferenceFrames::all_good(problem.values.view());
         let stop = Stop { target_gap: 1e-2, ..Default::default() };
         let mut group = criterion.benchmark_group("st_tv");
         group.sampling_mode(SamplingMode::Flat);

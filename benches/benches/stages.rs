@@ -9,8 +9,8 @@ use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, BenchmarkId, Criterion, SamplingMode};
 use eit_fem::ForwardModel;
 use eit_inverse::{
-    Difference, DifferenceSettings, Gaussian, GaussianSettings, InverseError, Laplace,
-    LaplaceSettings, Noser, Prior, Tikhonov,
+    Gaussian, GaussianSettings, InverseError, Laplace, LaplaceSettings, Noser, OneStepGaussNewton,
+    OneStepSettings, Prior, Tikhonov,
 };
 use eit_mesh::{Mesh, Raster, Surface, generate};
 use ndarray::Array2;
@@ -99,7 +99,7 @@ fn set_up(
     nodes: usize,
     mesh: &Mesh,
     jacobian: &Array2<f64>,
-) -> Result<Difference> {
+) -> Result<OneStepGaussNewton> {
     let priors: [(&str, MakePrior); 4] = [
         ("Tikhonov", |s| Ok(Box::new(Tikhonov::new(s)))),
         ("NOSER", |_| Ok(Box::new(Noser::default()))),
@@ -111,13 +111,13 @@ fn set_up(
         group.bench_function(BenchmarkId::new(name, nodes), |b| {
             b.iter(|| {
                 let prior = make(mesh.surface()).expect("a prior");
-                Difference::new(jacobian, &*prior, DifferenceSettings::default())
+                OneStepGaussNewton::new(jacobian, &*prior, OneStepSettings::default())
                     .expect("a reconstruction")
             });
         });
     }
     group.finish();
-    Ok(Difference::new(jacobian, &Noser::default(), DifferenceSettings::default())?)
+    Ok(OneStepGaussNewton::new(jacobian, &Noser::default(), OneStepSettings::default())?)
 }
 
 /// One frame and a batch of frames on pixels.
@@ -125,7 +125,7 @@ fn frames(
     criterion: &mut Criterion,
     nodes: usize,
     mesh: &Mesh,
-    difference: &Difference,
+    difference: &OneStepGaussNewton,
 ) -> Result<()> {
     let raster = Raster::new(mesh.surface(), PIXELS)?;
     let on_pixels = difference.on_raster(raster.pixel_from_element())?;

@@ -24,8 +24,8 @@ pub fn start(skin: &Skin) -> Result<Emulator, Box<dyn Error>> {
     let made = finer.simulated_fabric()?.simulate(&script, &raster, &how, &mut |_| {})?;
     let content =
         Content { frames: PlayedFrames::Values(&made.frames_v), serial: "1", seed: 1 };
-    let instrument = skin.instrument.as_ref().ok_or("no [instrument]")?;
-    let device = device(skin, instrument, &content, &mut Progress::silent())?;
+    let instrument = skin.instrument()?;
+    let device = device(skin, &instrument, &content, &mut Progress::silent())?;
     let anywhere = Listen::Tcp("127.0.0.1:0".to_owned());
     Ok(Emulator::start(device, &anywhere, FaultPlan::default())?)
 }

@@ -11,9 +11,9 @@ use eit_fem::ForwardModel;
 use eit_inverse::metrics::Cells;
 use eit_inverse::touch::{NoiseFloor, TouchStream, TouchStreamSettings};
 use eit_inverse::{
-    AdaptiveReference, Difference, DifferenceSettings, Differences, FrameStatus, Gradient,
-    HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget, Reconstructor, ReferenceSettings,
-    StTv, StTvSettings, StTvStream, StreamSettings,
+    AdaptiveReference, DifferenceFrames, FrameStatus, Gradient, HyperparameterChoice, Laplace,
+    LaplaceSettings, NoiseTarget, OneStepGaussNewton, OneStepSettings, Reconstructor,
+    ReferenceSettings, StTv, StTvSettings, StTvStream, StreamSettings,
 };
 use eit_mesh::{Mesh, MeshSettings, Raster, generate};
 use ndarray::{Array2, Axis};
@@ -149,8 +149,8 @@ fn to_pixels(scene: &Scene) -> Result<Reconstructor> {
     let surface = scene.mesh.surface();
     let prior = Laplace::new(surface, &LaplaceSettings::default())?;
     let settings =
-        DifferenceSettings { noise_std: Some(scene.noise_std.clone()), ..Default::default() };
-    let mut inverse = Difference::new(&scene.jacobian, &prior, settings)?;
+        OneStepSettings { noise_std: Some(scene.noise_std.clone()), ..Default::default() };
+    let mut inverse = OneStepGaussNewton::new(&scene.jacobian, &prior, settings)?;
     let target = NoiseTarget::central(surface, &scene.jacobian)?;
     let rule = HyperparameterChoice::NoiseFigure { figure: 1.0, target: &target };
     inverse.choose_hyperparameter(&rule)?;
@@ -250,7 +250,7 @@ fn total_variation(scene: &Scene) -> Result<Row> {
     }
     // the exchange of space and time that the pipeline of `eit` uses
     let length_m = raster.pixel_m() * raster.pixels() as f64 / 32.0;
-    solver.choose_weights(&Differences::all_good(dv.view()), length_m)?;
+    solver.choose_weights(&DifferenceFrames::all_good(dv.view()), length_m)?;
     let mut stream = StTvStream::new(solver, StreamSettings::default())?;
     let mut full = Vec::new();
     for (k, row) in dv.rows().into_iter().enumerate() {

@@ -8,7 +8,7 @@
 
 use benches::stopwatch::median;
 use benches::{Result, limits, problem};
-use eit_inverse::{Difference, DifferenceSettings, Noser};
+use eit_inverse::{Noser, OneStepGaussNewton, OneStepSettings};
 use eit_mesh::{Mesh, Raster};
 use ndarray::Array2;
 use serde_json::json;
@@ -75,10 +75,10 @@ fn forward_and_jacobian(mesh: &Mesh, flop_per_s: f64) -> Result<Array2<f64>> {
 fn frames(mesh: &Mesh, jacobian: &Array2<f64>, flop_per_s: f64) -> Result<()> {
     let nodes = mesh.surface().nodes().len();
     let (measurements, elements) = jacobian.dim();
-    let settings = DifferenceSettings::default();
+    let settings = OneStepSettings::default();
     let mut made = None;
     let set_up = median(3, || {
-        made = Some(Difference::new(jacobian, &Noser::default(), settings.clone())?);
+        made = Some(OneStepGaussNewton::new(jacobian, &Noser::default(), settings.clone())?);
         Ok(())
     })?;
     let difference = made.ok_or("a set-up has run")?;

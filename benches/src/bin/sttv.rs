@@ -12,7 +12,9 @@
 
 use benches::{Result, limits};
 use cpu_time::ProcessTime;
-use eit_inverse::{Differences, Gradient, StTv, StTvSettings, StTvStream, Stop, StreamSettings};
+use eit_inverse::{
+    DifferenceFrames, Gradient, StTv, StTvSettings, StTvStream, Stop, StreamSettings,
+};
 use fixtures::st_tv::{self, StTvProblem};
 use ndarray::Array1;
 use rand_distr::Distribution as _;
@@ -55,7 +57,7 @@ fn time(pixels: usize, problem: &StTvProblem) -> Result<Value> {
     let start = Instant::now();
     let solver = StTv::new(&problem.jacobian, &gradient, settings)?;
     let set_up_s = start.elapsed().as_secs_f64();
-    let frames = Differences::all_good(problem.values.view());
+    let frames = DifferenceFrames::all_good(problem.values.view());
 
     // the image alone: with the least gap that runs in f32 no proof is tried before 1e-4 is reached
     let mut primal: [Vec<f64>; 3] = Default::default();

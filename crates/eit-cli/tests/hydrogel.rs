@@ -15,8 +15,8 @@ use eit_denoise::{Denoiser, Weights};
 use eit_fem::{ForwardModel, Protocol};
 use eit_inverse::metrics::{Cells, ChangeSign, blobs};
 use eit_inverse::{
-    Difference, DifferenceSettings, HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget,
-    Reconstructor,
+    HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget, OneStepGaussNewton,
+    OneStepSettings, Reconstructor,
 };
 use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
 use ndarray::{Array2, Axis};
@@ -94,8 +94,8 @@ impl Skin {
     /// One-step images at a noise figure.
     fn one_step(&self, figure: f64) -> Reconstructor {
         let prior = Laplace::new(self.mesh.surface(), &LaplaceSettings::default()).unwrap();
-        let settings = DifferenceSettings::default();
-        let mut difference = Difference::new(&self.jacobian, &prior, settings).unwrap();
+        let settings = OneStepSettings::default();
+        let mut difference = OneStepGaussNewton::new(&self.jacobian, &prior, settings).unwrap();
         let target = NoiseTarget::central(self.mesh.surface(), &self.jacobian).unwrap();
         let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
         difference.choose_hyperparameter(&choice).unwrap();

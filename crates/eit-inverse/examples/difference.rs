@@ -7,8 +7,8 @@
 
 use eit_fem::{ForwardModel, PairProtocol};
 use eit_inverse::{
-    Difference, DifferenceSettings, Gaussian, GaussianSettings, HyperparameterChoice, Laplace,
-    LaplaceSettings, NoiseTarget, Noser, Prior, Tikhonov, metrics,
+    Gaussian, GaussianSettings, HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget, Noser,
+    OneStepGaussNewton, OneStepSettings, Prior, Tikhonov, metrics,
 };
 use eit_mesh::{Mesh, MeshSettings, RimElectrodes, SkinShape, generate};
 use ndarray::Array2;
@@ -91,7 +91,7 @@ pub fn run() -> Result<Vec<Outcome>, Box<dyn Error>> {
     let mut outcomes = Vec::new();
     println!("prior      rule            lambda  position error  correlation  set-up");
     for prior in priors {
-        let mut inverse = Difference::new(&jacobian, prior, DifferenceSettings::default())?;
+        let mut inverse = OneStepGaussNewton::new(&jacobian, prior, OneStepSettings::default())?;
         for (rule, choice) in &rules {
             inverse.choose_hyperparameter(choice)?;
             let image = inverse.reconstruct(&first, reference_frame)?.to_vec();

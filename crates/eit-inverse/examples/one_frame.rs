@@ -7,7 +7,7 @@
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
 use eit_fem::{ForwardModel, PairProtocol};
-use eit_inverse::{Difference, DifferenceSettings, Laplace, LaplaceSettings};
+use eit_inverse::{Laplace, LaplaceSettings, OneStepGaussNewton, OneStepSettings};
 use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
 use std::error::Error;
 
@@ -40,7 +40,7 @@ pub fn run() -> Result<f64, Box<dyn Error>> {
     let (mesh, model) = skin(0.006)?;
     let jacobian = model.jacobian(&vec![SHEET_S; model.elements()])?;
     let prior = Laplace::new(mesh.surface(), &LaplaceSettings::default())?;
-    let inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default())?;
+    let inverse = OneStepGaussNewton::new(&jacobian, &prior, OneStepSettings::default())?;
     let raster = Raster::new(mesh.surface(), 32)?;
     let to_pixels = inverse.on_raster(raster.pixel_from_element())?;
 

@@ -6,7 +6,7 @@
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
 use eit_fem::{ForwardModel, PairProtocol};
-use eit_inverse::{Differences, Gradient, StTv, StTvSettings, StTvStream, StreamSettings};
+use eit_inverse::{DifferenceFrames, Gradient, StTv, StTvSettings, StTvStream, StreamSettings};
 use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
 use ndarray::Array2;
 use std::error::Error;
@@ -40,7 +40,7 @@ fn finger_m(frame: usize) -> [f64; 2] {
     [0.05 * angle.cos(), 0.05 * angle.sin()]
 }
 
-/// Differences from the untouched frame, `[frame, measurement]`, volts.
+/// DifferenceFrames from the untouched frame, `[frame, measurement]`, volts.
 fn measure() -> Result<Array2<f64>, Box<dyn Error>> {
     let (mesh, model) = skin(0.005)?;
     let centroids = mesh.surface().centroids();
@@ -90,7 +90,7 @@ pub fn run() -> Result<Outcome, Box<dyn Error>> {
     let mut solver = StTv::new(&jacobian, &gradient, settings)?;
     // weights from some frames of the same skin; about what 16 electrodes resolve
     let length_m = 0.2 / 32.0;
-    solver.choose_weights(&Differences::all_good(differences.view()), length_m)?;
+    solver.choose_weights(&DifferenceFrames::all_good(differences.view()), length_m)?;
 
     let settings = StreamSettings { window: 8, lag: 2, target_gap: 1e-2, ..Default::default() };
     let mut stream = StTvStream::new(solver, settings)?;

@@ -12,7 +12,8 @@ use eit_inverse::touch::{
     Bell, FitSettings, NoiseFloor, TouchFit, TouchStream, TouchStreamSettings,
 };
 use eit_inverse::{
-    Difference, DifferenceSettings, HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget,
+    HyperparameterChoice, Laplace, LaplaceSettings, NoiseTarget, OneStepGaussNewton,
+    OneStepSettings,
 };
 use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
 use std::error::Error;
@@ -63,9 +64,9 @@ pub fn run() -> Result<Outcome, Box<dyn Error>> {
     let surface = mesh.surface();
     let sheet = vec![SHEET_S; model.elements()];
     let jacobian = model.jacobian(&sheet)?;
-    let settings = DifferenceSettings { noise_std: Some(noise_std.clone()), ..Default::default() };
+    let settings = OneStepSettings { noise_std: Some(noise_std.clone()), ..Default::default() };
     let prior = Laplace::new(surface, &LaplaceSettings::default())?;
-    let mut inverse = Difference::new(&jacobian, &prior, settings)?;
+    let mut inverse = OneStepGaussNewton::new(&jacobian, &prior, settings)?;
     let target = NoiseTarget::central(surface, &jacobian)?;
     inverse.choose_hyperparameter(&HyperparameterChoice::NoiseFigure {
         figure: 1.0,

@@ -68,15 +68,15 @@ pub enum InverseError {
         /// Measurements of the protocol.
         measurements: usize,
     },
-    /// Left-out measurements cannot be taken out of a reconstruction after the fact: at this
+    /// Masked measurements cannot be taken out of a reconstruction after the fact: at this
     /// hyperparameter they carry a part of the image almost alone.
     #[error(
-        "leaving {left_out} measurements out of this reconstruction would err by {expected_error:.0e} of \
-         the image: use `Difference::restricted_to` or a larger hyperparameter"
+        "leaving {masked} measurements out of this reconstruction would err by {expected_error:.0e} of \
+         the image: use `OneStepGaussNewton::restricted_to` or a larger hyperparameter"
     )]
-    LeftOutDominates {
-        /// How many are left out.
-        left_out: usize,
+    MaskedDominates {
+        /// How many are masked.
+        masked: usize,
         /// Expected error by rounding, as a part of the image; 1 where no digit would be left.
         expected_error: f64,
     },

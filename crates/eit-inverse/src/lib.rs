@@ -1,5 +1,7 @@
 #![doc = include_str!("../README.md")]
 
+// Modules import one way: error, check, geometry; then data, noise, prior; then one_step, sequence and
+// st_tv. touch stands on metrics, noise and one_step; calibration on data. No two files import each other.
 mod calibration;
 mod check;
 mod data;
@@ -19,12 +21,12 @@ pub use data::{DifferenceData, DifferenceKind, FrameStatus};
 pub use error::InverseError;
 pub use noise::{NuisanceParameters, noise_std_of_quiet_frames};
 pub use one_step::{
-    Chosen, CurvePoint, Difference, DifferenceSettings, HyperparameterChoice, HyperparameterStatus,
-    NoiseTarget, Reconstructor, Report, Workspace,
+    ChosenHyperparameter, CurvePoint, HyperparameterChoice, HyperparameterStatus, NoiseTarget,
+    OneStepGaussNewton, OneStepReport, OneStepSettings, Reconstructor, Workspace,
 };
 pub use prior::{Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov};
 pub use sequence::{
-    Certificate, Differences, ImageSequence, SequenceReport, SequenceSolver, SequenceStatus,
+    Certificate, DifferenceFrames, ImageSequence, SequenceReport, SequenceSolver, SequenceStatus,
     TracePoint,
 };
 #[cfg(feature = "st-tv")]

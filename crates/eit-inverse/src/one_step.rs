@@ -2,26 +2,27 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `gauss_newton`, `settings`, `report` | [`Difference`](crate::Difference): set-up |
+//! | `gauss_newton`, `settings`, `report` | [`OneStepGaussNewton`](crate::OneStepGaussNewton): set-up |
 //! | `whitened`, `spectrum` | the weighted problem and its eigen-expansion, which methods of sequences share |
-//! | `reconstructor`, `left_out` | frames to images, bad values left out |
+//! | `reconstructor`; `masked`, `missing` | frames to images; without masked measurements |
 //! | `hyperparameter` | rules that choose lambda |
 
 mod gauss_newton;
 mod hyperparameter;
-mod left_out;
+mod masked;
+mod missing;
 mod reconstructor;
 mod report;
 mod settings;
 mod spectrum;
 mod whitened;
 
-pub use gauss_newton::Difference;
+pub use gauss_newton::OneStepGaussNewton;
 pub use hyperparameter::{
-    Chosen, CurvePoint, HyperparameterChoice, HyperparameterStatus, NoiseTarget,
+    ChosenHyperparameter, CurvePoint, HyperparameterChoice, HyperparameterStatus, NoiseTarget,
 };
 pub use reconstructor::{Reconstructor, Workspace};
-pub use report::Report;
-pub use settings::DifferenceSettings;
+pub use report::OneStepReport;
+pub use settings::OneStepSettings;
 pub(crate) use spectrum::Spectrum;
 pub(crate) use whitened::{covariance_times, weighted_rows};

@@ -2,7 +2,8 @@
 //!
 //! A prior is a Gaussian with mean zero and covariance `P = R^-1`. Reconstruction in measurement
 //! space needs nothing of it but the product `J P`, so that is all a prior provides; `R` itself is
-//! never formed. The overall size of `P` does not matter (see [`Difference`](crate::Difference)).
+//! never formed. The overall size of `P` does not matter (see
+//! [`OneStepGaussNewton`](crate::OneStepGaussNewton)).
 
 mod gaussian;
 mod laplace;

@@ -3,7 +3,7 @@
 //!
 //! | method | prior in time | one frame costs, flops |
 //! |---|---|---|
-//! | [`Difference`](crate::Difference) | none: each frame alone | `2 r (m + n)` |
+//! | [`OneStepGaussNewton`](crate::OneStepGaussNewton) | none: each frame alone | `2 r (m + n)` |
 //! | [`TimePrior`] | correlation that decays exponentially | `2 r (m + n) + 10 r` |
 //! | [`KalmanSmoother`] | random walk | the same |
 //! | [`KalmanFilter`] | random walk, the past alone | the same |
@@ -11,9 +11,9 @@
 //!
 //! for `m` used measurements, `n` elements and `r <= m` independent measurements. The first four
 //! are linear and direct. All share the meaning of the hyperparameter lambda with
-//! [`Difference`](crate::Difference): noise of variance `lambda^2 s W^-1` against a prior of
-//! covariance `P`, with the scale `s` of the Jacobian, so a lambda chosen there (for noise figure 1,
-//! say) serves here.
+//! [`OneStepGaussNewton`](crate::OneStepGaussNewton): noise of variance `lambda^2 s W^-1` against a
+//! prior of covariance `P`, with the scale `s` of the Jacobian, so a lambda chosen there (for noise
+//! figure 1, say) serves here.
 
 mod absolute;
 mod kalman;
@@ -26,7 +26,7 @@ mod time_prior;
 pub use absolute::{AbsoluteFrameReport, AbsoluteGaussNewton, AbsoluteSettings};
 pub use kalman::{KalmanFilter, KalmanSettings, KalmanSmoother};
 pub use solver::{
-    Certificate, Differences, ImageSequence, SequenceReport, SequenceSolver, SequenceStatus,
+    Certificate, DifferenceFrames, ImageSequence, SequenceReport, SequenceSolver, SequenceStatus,
     TracePoint,
 };
 pub use time_prior::{TimePrior, TimePriorSettings};

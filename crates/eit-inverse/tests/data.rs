@@ -5,10 +5,11 @@
 
 mod common;
 
-use common::{Random, disc, jacobian, relative_difference};
+use common::{disc, jacobian, relative_difference};
 use eit_inverse::{
-    Difference, DifferenceData, DifferenceKind, DifferenceSettings, InverseError, Noser,
+    DifferenceData, DifferenceKind, InverseError, Noser, OneStepGaussNewton, OneStepSettings,
 };
+use fixtures::Random;
 use ndarray::Array2;
 
 /// 40 measurements, of which two are not used and hold what cannot be computed with.
@@ -23,7 +24,7 @@ struct Scene {
 fn scene() -> Scene {
     let mut jacobian = jacobian(&disc(0.1, 4), 0.1, 8);
     let count = jacobian.nrows();
-    let mut random = Random(23);
+    let mut random = Random::new(23);
     let mut draw = || (0..count).map(|_| random.uniform() - 1.3).collect::<Vec<f64>>();
     let (mut model_voltages_v, mut frame, mut reference_frame) = (draw(), draw(), draw());
     let used = (0..count).map(|i| ![4, 11].contains(&i)).collect();
@@ -79,9 +80,9 @@ fn the_reconstruction_makes_the_same_of_a_frame() {
     let Scene { jacobian, model_voltages_v, frame, reference_frame, used } = scene();
     let data = DifferenceData::Normalised { model_voltages_v };
     let settings =
-        DifferenceSettings { data: data.clone(), used: Some(used.clone()), ..Default::default() };
+        OneStepSettings { data: data.clone(), used: Some(used.clone()), ..Default::default() };
     let prior = Noser::default();
-    let own = Difference::new(&jacobian, &prior, settings.clone()).unwrap();
+    let own = OneStepGaussNewton::new(&jacobian, &prior, settings.clone()).unwrap();
     let mut difference = vec![0.0; frame.len()];
     data.kind()
         .difference_into(&frame, &reference_frame, |i| used[i], 0.0, &mut difference)
@@ -91,8 +92,8 @@ fn the_reconstruction_makes_the_same_of_a_frame() {
     assert_eq!(bits(&taken), bits(of_used));
     let mut rows = jacobian;
     data.apply_to_rows(&mut rows, Some(&used)).unwrap();
-    let settings = DifferenceSettings { data: DifferenceData::Plain, ..settings };
-    let plain = Difference::new(&rows, &prior, settings).unwrap();
+    let settings = OneStepSettings { data: DifferenceData::Plain, ..settings };
+    let plain = OneStepGaussNewton::new(&rows, &prior, settings).unwrap();
     let wanted = own.reconstruct(&frame, &reference_frame).unwrap();
     let found = plain.reconstruct(&difference, &vec![0.0; difference.len()]).unwrap();
     // weight / voltage * entry, or entry / voltage: a rounding apart, over lambda^2 = 1e-3

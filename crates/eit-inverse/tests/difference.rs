@@ -6,8 +6,8 @@ mod common;
 
 use common::{adjacent, disc, jacobian, relative_difference, solve, target};
 use eit_inverse::{
-    Difference, DifferenceData, DifferenceSettings, FrameStatus, Gaussian, GaussianSettings,
-    InverseError, Laplace, LaplaceSettings, Noser, Prior, Tikhonov, metrics,
+    DifferenceData, FrameStatus, Gaussian, GaussianSettings, InverseError, Laplace,
+    LaplaceSettings, Noser, OneStepGaussNewton, OneStepSettings, Prior, Tikhonov, metrics,
 };
 use fixtures::Random;
 use ndarray::{Array1, Array2, ArrayView2, array};
@@ -26,8 +26,8 @@ impl Prior for Identity {
     }
 }
 
-fn settings(hyperparameter: f64) -> DifferenceSettings {
-    DifferenceSettings { hyperparameter, ..Default::default() }
+fn settings(hyperparameter: f64) -> OneStepSettings {
+    OneStepSettings { hyperparameter, ..Default::default() }
 }
 
 /// `(J' W J + lambda^2 s R)^-1 J' W` with `s = trace(W^1/2 J R^-1 J' W^1/2) / m`, densely.
@@ -70,11 +70,9 @@ fn measurement_space_and_model_space_forms_are_equal() {
         [(&tikhonov, &white), (&laplace, &smooth), (&Noser::default(), &noser)];
     for (prior, precision) in cases {
         for hyperparameter in [0.01, 0.3, 10.0] {
-            let settings = DifferenceSettings {
-                noise_std: Some(noise_std.clone()),
-                ..settings(hyperparameter)
-            };
-            let inverse = Difference::new(&jacobian, prior, settings).unwrap();
+            let settings =
+                OneStepSettings { noise_std: Some(noise_std.clone()), ..settings(hyperparameter) };
+            let inverse = OneStepGaussNewton::new(&jacobian, prior, settings).unwrap();
             let expected = model_space(&jacobian, precision, &noise_std, hyperparameter);
             let error = relative_difference(&inverse.reconstruction_matrix(), &expected);
             // the n x n normal matrix has rank 10 plus lambda^2 R: condition about 1e5 at 0.01
@@ -85,10 +83,11 @@ fn measurement_space_and_model_space_forms_are_equal() {
 
 #[test]
 fn hand_solved_problems() {
-    let one = Difference::new(&array![[2.0]], &Identity, settings(0.5)).unwrap();
+    let one = OneStepGaussNewton::new(&array![[2.0]], &Identity, settings(0.5)).unwrap();
     // A = 4, s = 4: RM = 2 / (4 + 0.25 * 4)
     assert!((one.reconstruction_matrix()[(0, 0)] - 0.4).abs() < 1e-15);
-    let two = Difference::new(&array![[1.0, 0.0], [0.0, 3.0]], &Identity, settings(0.2)).unwrap();
+    let two =
+        OneStepGaussNewton::new(&array![[1.0, 0.0], [0.0, 3.0]], &Identity, settings(0.2)).unwrap();
     // s = (1 + 9) / 2 = 5, lambda^2 s = 0.2
     let expected = array![[1.0 / 1.2, 0.0], [0.0, 3.0 / 9.2]];
     assert!(relative_difference(&two.reconstruction_matrix(), &expected) < 1e-15);
@@ -105,7 +104,7 @@ fn small_lambda_fits_the_data_and_large_lambda_gives_no_image() {
     let jacobian = random.normals(20, 60);
     let frame: Vec<f64> = (0..20).map(|_| random.normal()).collect();
     let reference = vec![0.0; 20];
-    let mut inverse = Difference::new(&jacobian, &Identity, settings(1.0)).unwrap();
+    let mut inverse = OneStepGaussNewton::new(&jacobian, &Identity, settings(1.0)).unwrap();
     assert_eq!(inverse.report().rank, 20);
     let mut last = 0.0;
     for hyperparameter in [1e-6, 1e-3, 0.1, 1.0, 1e3] {
@@ -130,8 +129,8 @@ fn relative_residual_is_that_of_the_image() {
     let noise_std: Vec<f64> = (0..12).map(|_| 0.5 + random.uniform()).collect();
     let frame: Vec<f64> = (0..12).map(|_| random.normal()).collect();
     let reference: Vec<f64> = (0..12).map(|_| random.normal()).collect();
-    let settings = DifferenceSettings { noise_std: Some(noise_std.clone()), ..settings(0.4) };
-    let inverse = Difference::new(&jacobian, &Identity, settings).unwrap();
+    let settings = OneStepSettings { noise_std: Some(noise_std.clone()), ..settings(0.4) };
+    let inverse = OneStepGaussNewton::new(&jacobian, &Identity, settings).unwrap();
     assert_eq!(inverse.report().rank, 7, "twelve measurements of seven elements");
     let image = inverse.reconstruct(&frame, &reference).unwrap();
     let predicted = jacobian.dot(&image);
@@ -175,7 +174,7 @@ fn every_prior_finds_a_target_and_rank_is_that_of_reciprocity() {
         &Gaussian::new(&coarse, &GaussianSettings::default()).unwrap(),
     ];
     for prior in priors {
-        let inverse = Difference::new(&jacobian, prior, settings(0.01)).unwrap();
+        let inverse = OneStepGaussNewton::new(&jacobian, prior, settings(0.01)).unwrap();
         let rank = inverse.report().rank;
         // 208 measurements, equal in pairs by reciprocity; a smooth prior sees fewer still
         assert!(rank <= 104, "{}: rank {rank}", prior.name());
@@ -192,7 +191,7 @@ fn every_prior_finds_a_target_and_rank_is_that_of_reciprocity() {
         assert!(correlation > 0.6, "{}: correlation {correlation}", prior.name());
         // the smallest lambdas divide by nothing at the rounding floor: consistent data is
         // explained
-        let tiny = Difference::new(&jacobian, prior, settings(1e-9)).unwrap();
+        let tiny = OneStepGaussNewton::new(&jacobian, prior, settings(1e-9)).unwrap();
         let residual = tiny.relative_residual(&frame, &reference).unwrap().unwrap();
         // the smooth priors cut the spectrum at its noise floor: measured 3e-6
         assert!(residual < 1e-5, "{}: residual {residual:e}", prior.name());
@@ -210,13 +209,13 @@ fn reciprocal_rows_count_as_one_measurement_of_double_weight() {
     let half = full.select(ndarray::Axis(0), &first);
     let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
     let touch = Array1::from(target(&surface, [0.03, -0.02], 0.02, 1.0));
-    let both = Difference::new(&full, &prior, settings(0.02)).unwrap();
+    let both = OneStepGaussNewton::new(&full, &prior, settings(0.02)).unwrap();
     // merged: half as many rows of the same summed weight, so s doubles; lambda^2 s must not
-    let merged = DifferenceSettings {
+    let merged = OneStepSettings {
         noise_std: Some(vec![0.5_f64.sqrt(); first.len()]),
         ..settings(0.02 * 0.5_f64.sqrt())
     };
-    let merged = Difference::new(&half, &prior, merged).unwrap();
+    let merged = OneStepGaussNewton::new(&half, &prior, merged).unwrap();
     assert_eq!(both.report().rank, merged.report().rank);
     let frame = |j: &Array2<f64>| j.dot(&touch).to_vec();
     let reference = vec![0.0; quadruples.len()];
@@ -235,16 +234,16 @@ fn left_out_measurements_are_as_if_never_made() {
     let count = jacobian.nrows();
     let noise_std: Vec<f64> = (0..count).map(|_| 0.5 + random.uniform()).collect();
     let voltages: Vec<f64> = (0..count).map(|_| 1.0 + random.uniform()).collect();
-    let base = DifferenceSettings {
+    let base = OneStepSettings {
         noise_std: Some(noise_std),
         data: DifferenceData::Normalised { model_voltages_v: voltages.clone() },
         ..settings(0.05)
     };
     // electrode 3 fails: every measurement it takes part in
     let used: Vec<bool> = adjacent(8).iter().map(|q| !q.contains(&3)).collect();
-    let full = Difference::new(&jacobian, &prior, base.clone()).unwrap();
-    let built = DifferenceSettings { used: Some(used.clone()), ..base };
-    let built = Difference::new(&jacobian, &prior, built).unwrap();
+    let full = OneStepGaussNewton::new(&jacobian, &prior, base.clone()).unwrap();
+    let built = OneStepSettings { used: Some(used.clone()), ..base };
+    let built = OneStepGaussNewton::new(&jacobian, &prior, built).unwrap();
     let restricted = full.restricted_to(&used).unwrap();
     assert_eq!(built.report().rank, restricted.report().rank);
     let (a, b) = (built.reconstruction_matrix(), restricted.reconstruction_matrix());
@@ -273,7 +272,8 @@ fn left_out_measurements_are_as_if_never_made() {
 fn one_frame_many_frames_raster_and_matrix_agree() {
     let surface = disc(0.1, 6);
     let jacobian = jacobian(&surface, 0.1, 8);
-    let inverse = Difference::new(&jacobian, &Tikhonov::new(&surface), settings(0.03)).unwrap();
+    let inverse =
+        OneStepGaussNewton::new(&jacobian, &Tikhonov::new(&surface), settings(0.03)).unwrap();
     let mut random = Random::new(6);
     let frames = random.normals(5, jacobian.nrows());
     let reference: Vec<f64> = (0..jacobian.nrows()).map(|_| random.normal()).collect();
@@ -328,18 +328,19 @@ fn normalised_data_with_the_noise_of_its_model_voltages_is_plain_data() {
     let normalised = DifferenceData::Normalised { model_voltages_v };
     let [plain, normalised] = [DifferenceData::Plain, normalised].map(|data| {
         let noise_std = Some(data.noise_std(&noise_std_v).unwrap());
-        let settings = DifferenceSettings { noise_std, data, ..settings(0.05) };
-        Difference::new(&jacobian, &prior, settings).unwrap()
+        let settings = OneStepSettings { noise_std, data, ..settings(0.05) };
+        OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap()
     });
     // dv / v0, J / v0 and e / |v0|: the v0 cancel, all but their largest ratio in the units
     let [a, b] = [&plain, &normalised].map(|i| i.reconstruct(&frame, &reference).unwrap());
     // lambda^2 s is 2.5e-3 of the mean eigenvalue; 1e-16 over it, with a margin
     assert!(relative_difference(&a, &b) < 1e-12);
-    let absolute = |i: &Difference| i.report().scale / i.report().noise_scale.unwrap().powi(2);
+    let absolute =
+        |i: &OneStepGaussNewton| i.report().scale / i.report().noise_scale.unwrap().powi(2);
     assert!((absolute(&normalised) / absolute(&plain) - 1.0).abs() < 1e-13);
     let largest = noise_std_v.iter().copied().fold(0.0, f64::max);
     assert_eq!(plain.report().noise_scale, Some(largest));
-    let without = Difference::new(&jacobian, &prior, settings(0.05)).unwrap();
+    let without = OneStepGaussNewton::new(&jacobian, &prior, settings(0.05)).unwrap();
     assert_eq!(without.report().noise_scale, None);
     let data = DifferenceData::Normalised { model_voltages_v: vec![1.0; 3] };
     let (what, found, wanted) = ("noise_std_v", 2, 3);
@@ -351,9 +352,9 @@ fn a_new_hyperparameter_is_the_reconstruction_built_with_it() {
     let surface = disc(0.1, 5);
     let jacobian = jacobian(&surface, 0.1, 8);
     let prior = Noser::default();
-    let mut changed = Difference::new(&jacobian, &prior, settings(1.0)).unwrap();
+    let mut changed = OneStepGaussNewton::new(&jacobian, &prior, settings(1.0)).unwrap();
     changed.set_hyperparameter(0.02).unwrap();
-    let built = Difference::new(&jacobian, &prior, settings(0.02)).unwrap();
+    let built = OneStepGaussNewton::new(&jacobian, &prior, settings(0.02)).unwrap();
     assert_eq!(changed.reconstruction_matrix(), built.reconstruction_matrix());
     assert_eq!(changed.report().degrees_of_freedom, built.report().degrees_of_freedom);
 }
@@ -361,50 +362,51 @@ fn a_new_hyperparameter_is_the_reconstruction_built_with_it() {
 #[test]
 fn wrong_input_is_named() {
     let jacobian = array![[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]];
-    let new = |settings| Difference::new(&jacobian, &Identity, settings).unwrap_err();
-    let base = DifferenceSettings::default();
+    let new = |settings| OneStepGaussNewton::new(&jacobian, &Identity, settings).unwrap_err();
+    let base = OneStepSettings::default();
     let wrong = |what, found| InverseError::WrongLength { what, found, wanted: 3 };
-    let short = DifferenceSettings { noise_std: Some(vec![1.0]), ..base.clone() };
+    let short = OneStepSettings { noise_std: Some(vec![1.0]), ..base.clone() };
     assert_eq!(new(short), wrong("noise_std", 1));
-    let negative = DifferenceSettings { noise_std: Some(vec![1.0, -1.0, 1.0]), ..base.clone() };
+    let negative = OneStepSettings { noise_std: Some(vec![1.0, -1.0, 1.0]), ..base.clone() };
     assert!(matches!(
         new(negative),
         InverseError::MeasurementOutOfRange { measurement: 1, value: -1.0, .. }
     ));
     let voltages = DifferenceData::Normalised { model_voltages_v: vec![1.0, 1.0, 0.0] };
-    let zero = DifferenceSettings { data: voltages, ..base.clone() };
+    let zero = OneStepSettings { data: voltages, ..base.clone() };
     assert!(matches!(new(zero), InverseError::ZeroReference { measurement: 2, .. }));
     for hyperparameter in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(matches!(new(settings(hyperparameter)), InverseError::OutOfRange { .. }));
     }
     let zeros = Array2::zeros((3, 2));
     assert_eq!(
-        Difference::new(&zeros, &Identity, base.clone()).unwrap_err(),
+        OneStepGaussNewton::new(&zeros, &Identity, base.clone()).unwrap_err(),
         InverseError::NoSensitivity { measurements: 3 }
     );
     let mut broken = jacobian.clone();
     broken[(1, 0)] = f64::INFINITY;
     assert!(matches!(
-        Difference::new(&broken, &Identity, base.clone()).unwrap_err(),
+        OneStepGaussNewton::new(&broken, &Identity, base.clone()).unwrap_err(),
         InverseError::NonFiniteJacobian { measurement: 1, element: 0, .. }
     ));
     assert_eq!(
-        Difference::new(&Array2::zeros((0, 2)), &Identity, base.clone()).unwrap_err(),
+        OneStepGaussNewton::new(&Array2::zeros((0, 2)), &Identity, base.clone()).unwrap_err(),
         InverseError::EmptyJacobian { measurements: 0, elements: 2 }
     );
     assert_eq!(
-        Difference::new(&jacobian, &Tikhonov::new(&disc(1.0, 1)), base.clone()).unwrap_err(),
+        OneStepGaussNewton::new(&jacobian, &Tikhonov::new(&disc(1.0, 1)), base.clone())
+            .unwrap_err(),
         InverseError::WrongLength { what: "Jacobian columns", found: 2, wanted: 6 }
     );
     assert_eq!(
-        Difference::new(&jacobian, &Noser { exponent: 2.0 }, base.clone()).unwrap_err(),
+        OneStepGaussNewton::new(&jacobian, &Noser { exponent: 2.0 }, base.clone()).unwrap_err(),
         InverseError::OutOfRange {
             quantity: "NOSER exponent",
             value: 2.0,
             must: "between 0 and 1"
         }
     );
-    let inverse = Difference::new(&jacobian, &Identity, base).unwrap();
+    let inverse = OneStepGaussNewton::new(&jacobian, &Identity, base).unwrap();
     assert_eq!(inverse.reconstruct(&[0.0; 2], &[0.0; 3]).unwrap_err(), wrong("frame", 2));
     assert_eq!(inverse.reconstruct(&[0.0; 3], &[0.0; 4]).unwrap_err(), wrong("reference frame", 4));
     let mut frames = Array2::zeros((4, 3));
@@ -431,14 +433,14 @@ fn an_indefinite_prior_is_refused() {
         }
     }
     let jacobian = array![[1.0, 0.0], [0.0, 1.0]];
-    let error = Difference::new(&jacobian, &Negative, settings(0.1)).unwrap_err();
+    let error = OneStepGaussNewton::new(&jacobian, &Negative, settings(0.1)).unwrap_err();
     assert!(matches!(error, InverseError::BadCovariance { prior: "negative", .. }), "{error}");
 }
 
 #[test]
 fn public_types_cross_threads() {
     fn check<T: Send + Sync>() {}
-    check::<Difference>();
+    check::<OneStepGaussNewton>();
     check::<Laplace>();
     check::<Gaussian>();
     check::<eit_inverse::Reconstructor>();
@@ -466,8 +468,8 @@ proptest! {
         let pick = |x: &[f64]| order.iter().map(|&i| x[i]).collect::<Vec<f64>>();
         let image = |j: &Array2<f64>, noise_std: Vec<f64>, frame: &[f64]| {
             let settings =
-                DifferenceSettings { noise_std: Some(noise_std), ..settings(hyperparameter) };
-            Difference::new(j, &Identity, settings).unwrap().reconstruct(frame, &[0.0; 9]).unwrap()
+                OneStepSettings { noise_std: Some(noise_std), ..settings(hyperparameter) };
+            OneStepGaussNewton::new(j, &Identity, settings).unwrap().reconstruct(frame, &[0.0; 9]).unwrap()
         };
         let straight = image(&jacobian, noise_std.clone(), &frame);
         let permuted =
@@ -484,8 +486,8 @@ proptest! {
         let jacobian = random.normals(m, n);
         let model_voltages_v: Vec<f64> = (0..m).map(|_| 0.2 + random.uniform()).collect();
         let data = DifferenceData::Normalised { model_voltages_v };
-        let inverse = Difference::new(
-            &jacobian, &Identity, DifferenceSettings { data, ..settings(0.1) }).unwrap();
+        let inverse = OneStepGaussNewton::new(
+            &jacobian, &Identity, OneStepSettings { data, ..settings(0.1) }).unwrap();
         let frame: Vec<f64> = (0..m).map(|_| 1.0 + 0.3 * random.uniform()).collect();
         let reference: Vec<f64> = (0..m).map(|_| 1.0 + 0.3 * random.uniform()).collect();
         let gains: Vec<f64> = (0..m).map(|_| {
@@ -515,9 +517,9 @@ proptest! {
         let frame: Vec<f64> = (0..7).map(|_| random.normal()).collect();
         let (unit, noise) = (10_f64.powf(unit), 10_f64.powf(noise));
         let reference = [0.0; 7];
-        let base = Difference::new(&jacobian, &Identity, settings(0.1)).unwrap();
-        let settings = DifferenceSettings { noise_std: Some(vec![noise; 7]), ..settings(0.1) };
-        let scaled = Difference::new(&(&jacobian * unit), &Identity, settings).unwrap();
+        let base = OneStepGaussNewton::new(&jacobian, &Identity, settings(0.1)).unwrap();
+        let settings = OneStepSettings { noise_std: Some(vec![noise; 7]), ..settings(0.1) };
+        let scaled = OneStepGaussNewton::new(&(&jacobian * unit), &Identity, settings).unwrap();
         let expected = base.reconstruct(&frame, &reference).unwrap() / unit;
         let image = scaled.reconstruct(&frame, &reference).unwrap();
         prop_assert!(relative_difference(&image, &expected) < 1e-11);
@@ -530,7 +532,7 @@ proptest! {
         let mut random = Random::new(seed);
         let jacobian = random.normals(m, rank).dot(&random.normals(rank, n));
         let inverse =
-            Difference::new(&jacobian, &Noser::default(), settings(10_f64.powf(power))).unwrap();
+            OneStepGaussNewton::new(&jacobian, &Noser::default(), settings(10_f64.powf(power))).unwrap();
         prop_assert!(inverse.report().rank <= rank.min(m).min(n));
         let frame: Vec<f64> = (0..m).map(|_| random.normal()).collect();
         let image = inverse.reconstruct(&frame, &vec![0.0; m]).unwrap();
@@ -552,15 +554,15 @@ fn a_frame_that_equals_its_reference_is_zero_without_a_product() {
     used[3] = false;
     let normalised = DifferenceData::Normalised { model_voltages_v: reference.clone() };
     for data in [DifferenceData::Plain, normalised] {
-        let settings = DifferenceSettings { data, used: Some(used.clone()), ..settings(0.03) };
-        let map = Difference::new(&jacobian, &Tikhonov::new(&surface), settings).unwrap();
+        let settings = OneStepSettings { data, used: Some(used.clone()), ..settings(0.03) };
+        let map = OneStepGaussNewton::new(&jacobian, &Tikhonov::new(&surface), settings).unwrap();
         let map = map.reconstructor();
         let mut memory = map.workspace();
         let mut image = vec![f64::NAN; map.image_len()];
         let mut one = |frame: &[f64], bad: &[usize]| {
             let status = match bad {
                 [] => map.reconstruct_into(frame, &reference, &mut memory, &mut image),
-                _ => map.reconstruct_without_into(frame, &reference, bad, &mut memory, &mut image),
+                _ => map.reconstruct_masked_into(frame, &reference, bad, &mut memory, &mut image),
             };
             status.map(|status| (status, image.clone()))
         };

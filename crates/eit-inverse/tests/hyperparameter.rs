@@ -6,8 +6,8 @@ mod common;
 
 use common::{disc, jacobian, target};
 use eit_inverse::{
-    Difference, DifferenceSettings, HyperparameterChoice, HyperparameterStatus, InverseError,
-    Laplace, LaplaceSettings, NoiseTarget, Prior, Tikhonov,
+    HyperparameterChoice, HyperparameterStatus, InverseError, Laplace, LaplaceSettings,
+    NoiseTarget, OneStepGaussNewton, OneStepSettings, Prior, Tikhonov,
 };
 use eit_mesh::Surface;
 use fixtures::Random;
@@ -41,7 +41,8 @@ fn with_noise(signal: &Array1<f64>, std: f64, frames: usize, random: &mut Random
 fn fixed_is_what_is_given() {
     let (surface, jacobian) = scene();
     let prior = Tikhonov::new(&surface);
-    let mut inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+    let mut inverse =
+        OneStepGaussNewton::new(&jacobian, &prior, OneStepSettings::default()).unwrap();
     let chosen = inverse.choose_hyperparameter(&HyperparameterChoice::Fixed(0.2)).unwrap();
     assert_eq!((chosen.hyperparameter, chosen.status), (0.2, HyperparameterStatus::Given));
     assert_eq!(inverse.report().hyperparameter, 0.2);
@@ -55,8 +56,8 @@ fn noise_figure_is_reached_and_agrees_with_monte_carlo() {
     let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
     let mut random = Random::new(11);
     let noise_std: Vec<f64> = (0..208).map(|_| 0.5 + random.uniform()).collect();
-    let settings = DifferenceSettings { noise_std: Some(noise_std.clone()), ..Default::default() };
-    let mut inverse = Difference::new(&jacobian, &prior, settings).unwrap();
+    let settings = OneStepSettings { noise_std: Some(noise_std.clone()), ..Default::default() };
+    let mut inverse = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
     let areas = surface.areas_m2();
     let total: f64 = areas.iter().sum();
     for figure in [0.5, 1.0, 2.0] {
@@ -92,7 +93,8 @@ fn noise_figure_falls_with_lambda_and_says_when_it_cannot_be_had() {
     let (surface, jacobian) = scene();
     let target = NoiseTarget::central(&surface, &jacobian).unwrap();
     let prior = Tikhonov::new(&surface);
-    let mut inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+    let mut inverse =
+        OneStepGaussNewton::new(&jacobian, &prior, OneStepSettings::default()).unwrap();
     let choice = HyperparameterChoice::NoiseFigure { figure: 1e9, target: &target };
     let chosen = inverse.choose_hyperparameter(&choice).unwrap();
     assert_eq!(chosen.status, HyperparameterStatus::NoiseFigureUnreachable);
@@ -128,7 +130,8 @@ fn cross_validation_finds_the_lambda_of_least_prediction_error() {
     let signal = jacobian.dot(&truth);
     let rms = (signal.mapv(|v| v * v).mean().unwrap()).sqrt();
     let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
-    let mut inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+    let mut inverse =
+        OneStepGaussNewton::new(&jacobian, &prior, OneStepSettings::default()).unwrap();
     let reference = vec![0.0; 208];
     for (seed, relative_noise) in [(21, 0.3), (22, 0.03), (23, 0.003)] {
         let frames = with_noise(&signal, relative_noise * rms, 10, &mut Random::new(seed));
@@ -164,7 +167,8 @@ fn cross_validation_of_noise_free_data_ends_at_the_lower_edge() {
     let truth = Array1::from_iter((0..jacobian.ncols()).map(|_| 0.0));
     let mut random = Random::new(31);
     let signal = jacobian.dot(&truth.mapv(|_| random.normal()));
-    let mut inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+    let mut inverse =
+        OneStepGaussNewton::new(&jacobian, &prior, OneStepSettings::default()).unwrap();
     let reference = vec![0.0; 208];
     let frames = signal.clone().insert_axis(Axis(0));
     let choice = HyperparameterChoice::Gcv { frames: frames.view(), reference_frame: &reference };
@@ -193,8 +197,8 @@ fn residual_norm_counts_standard_deviations_of_the_given_noise() {
     let noise_std: Vec<f64> = (0..208).map(|_| 1e-6 * (0.5 + random.uniform())).collect();
     let frames = Array2::from_shape_fn((20, 208), |(_, i)| noise_std[i] * random.normal());
     let reference = vec![0.0; 208];
-    let settings = DifferenceSettings { noise_std: Some(noise_std.clone()), ..Default::default() };
-    let mut inverse = Difference::new(&jacobian, &prior, settings).unwrap();
+    let settings = OneStepSettings { noise_std: Some(noise_std.clone()), ..Default::default() };
+    let mut inverse = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
     let choice =
         HyperparameterChoice::LCurve { frames: frames.view(), reference_frame: &reference };
     let curve = inverse.choose_hyperparameter(&choice).unwrap().curve;
@@ -236,7 +240,8 @@ fn shaw(n: usize) -> (Array2<f64>, Array1<f64>) {
 fn l_curve_corner_of_shaw_s_problem_is_near_the_best_lambda() {
     let (matrix, solution) = shaw(32);
     let signal = matrix.dot(&solution);
-    let mut inverse = Difference::new(&matrix, &Identity, DifferenceSettings::default()).unwrap();
+    let mut inverse =
+        OneStepGaussNewton::new(&matrix, &Identity, OneStepSettings::default()).unwrap();
     let reference = vec![0.0; 32];
     for (seed, std) in [(2041, 1e-3), (2042, 1e-2), (2043, 1e-4)] {
         let frames = with_noise(&signal, std, 1, &mut Random::new(seed));
@@ -270,7 +275,8 @@ fn l_curve_corner_of_shaw_s_problem_is_near_the_best_lambda() {
 fn l_curve_curvature_is_that_of_the_curve() {
     let (matrix, solution) = shaw(24);
     let signal = matrix.dot(&solution);
-    let mut inverse = Difference::new(&matrix, &Identity, DifferenceSettings::default()).unwrap();
+    let mut inverse =
+        OneStepGaussNewton::new(&matrix, &Identity, OneStepSettings::default()).unwrap();
     let reference = vec![0.0; 24];
     let frames = with_noise(&signal, 1e-3, 1, &mut Random::new(51));
     let frame = frames.row(0).to_vec();

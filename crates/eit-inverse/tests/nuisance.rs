@@ -4,7 +4,9 @@
 mod common;
 
 use common::disc;
-use eit_inverse::{Difference, DifferenceSettings, InverseError, NuisanceParameters, Tikhonov};
+use eit_inverse::{
+    InverseError, NuisanceParameters, OneStepGaussNewton, OneStepSettings, Tikhonov,
+};
 use fixtures::Random;
 use ndarray::{Array2, Axis, aview1, concatenate};
 
@@ -117,25 +119,26 @@ fn unused_measurements_are_not_looked_at() {
 fn the_prior_is_taken_over() {
     let surface = disc(0.1, 2);
     let mut random = Random::new(5);
-    let (jacobian, nuisance) = (random.normals(30, surface.triangles().len()), random.normals(30, 5));
+    let (jacobian, nuisance) =
+        (random.normals(30, surface.triangles().len()), random.normals(30, 5));
     let noise: Vec<f64> = (0..30).map(|_| 0.2 * random.uniform() + 0.02).collect();
     let frame: Vec<f64> = (0..30).map(|_| random.normal()).collect();
     let reference = [0.0; 30];
-    let settings = DifferenceSettings {
+    let settings = OneStepSettings {
         hyperparameter: 0.4,
         noise_std: Some(noise.clone()),
         ..Default::default()
     };
     let prior = Tikhonov::new(&surface);
-    let before = Difference::new(&jacobian, &prior, settings).unwrap();
+    let before = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
     let image = before.reconstruct(&frame, &reference).unwrap();
     let left = |std: f64, takes_over: bool| {
         let nuisance = NuisanceParameters::new(&nuisance, &[std; 5], &noise, None).unwrap();
         let jacobian = nuisance.whiten_jacobian(&jacobian).unwrap();
         let mut white = frame.clone();
         nuisance.whiten(&mut white).unwrap();
-        let settings = DifferenceSettings { hyperparameter: 0.4, ..Default::default() };
-        let mut after = Difference::new(&jacobian, &prior, settings).unwrap();
+        let settings = OneStepSettings { hyperparameter: 0.4, ..Default::default() };
+        let mut after = OneStepGaussNewton::new(&jacobian, &prior, settings).unwrap();
         if takes_over {
             after.set_prior_of(&before).unwrap();
         }

@@ -13,12 +13,13 @@ use std::collections::BTreeSet;
 
 /// Modules of this crate that one image of one frame has no use for: time, touches, drift, other
 /// methods, choice of the hyperparameter, figures of merit.
-const LEFT_OUT: [&str; 8] = [
+const LEFT_OUT: [&str; 9] = [
     "calibration",
     "metrics",
     "noise",
     "one_step::hyperparameter",
-    "one_step::left_out",
+    "one_step::masked",
+    "one_step::missing",
     "sequence",
     "st_tv",
     "touch",

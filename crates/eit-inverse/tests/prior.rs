@@ -6,8 +6,8 @@ mod common;
 
 use common::{disc, equilateral, grid, jacobian, relative_difference, target};
 use eit_inverse::{
-    Difference, DifferenceSettings, Gaussian, GaussianSettings, InverseError, Laplace,
-    LaplaceSettings, Noser, Prior, Tikhonov,
+    Gaussian, GaussianSettings, InverseError, Laplace, LaplaceSettings, Noser, OneStepGaussNewton,
+    OneStepSettings, Prior, Tikhonov,
 };
 use eit_mesh::{Raster, Surface};
 use fixtures::Random;
@@ -57,7 +57,7 @@ fn noser_is_free_of_scale_and_survives_an_element_that_nothing_senses() {
         let (one, other) = (&one / one[(0, 0)], &other / other[(0, 0)]);
         assert!(relative_difference(&other, &one) < 1e-12, "at {unit:e}");
     }
-    let inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+    let inverse = OneStepGaussNewton::new(&jacobian, &prior, OneStepSettings::default()).unwrap();
     let image = inverse.reconstruct(&[1.0, -1.0, 2.0, 0.5, 0.0, 3.0], &[0.0; 6]).unwrap();
     assert_eq!(image[4], 0.0);
     assert!(image.iter().all(|x| x.is_finite()));
@@ -70,7 +70,7 @@ fn noser_of_full_exponent_follows_an_element_s_unit() {
     let units = array![1.0, 10.0, 0.1, 3.0, 1.0, 7.0, 0.5, 2.0];
     let prior = Noser { exponent: 1.0 };
     let image = |j: &Array2<f64>| {
-        let inverse = Difference::new(j, &prior, DifferenceSettings::default()).unwrap();
+        let inverse = OneStepGaussNewton::new(j, &prior, OneStepSettings::default()).unwrap();
         inverse.reconstruct(&[1.0, 2.0, -1.0, 0.0, 0.5], &[0.0; 5]).unwrap()
     };
     assert!(
@@ -235,9 +235,9 @@ fn images_do_not_depend_on_the_mesh() {
     let frame = jacobian(&truth, radius_m, electrodes).dot(&touch).to_vec();
     let reference = vec![0.0; frame.len()];
     let image = |surface: &Surface, prior: &dyn Prior| {
-        let settings = DifferenceSettings { hyperparameter: 0.05, ..Default::default() };
+        let settings = OneStepSettings { hyperparameter: 0.05, ..Default::default() };
         let jacobian = jacobian(surface, radius_m, electrodes);
-        let inverse = Difference::new(&jacobian, prior, settings).unwrap();
+        let inverse = OneStepGaussNewton::new(&jacobian, prior, settings).unwrap();
         let raster = Raster::new(surface, pixels).unwrap();
         let map = inverse.on_raster(raster.pixel_from_element()).unwrap();
         let values = map.reconstruct(&frame, &reference).unwrap().to_vec();

@@ -12,8 +12,8 @@ use eit_inverse::sequence::{
     TimePriorSettings,
 };
 use eit_inverse::{
-    Difference, DifferenceData, DifferenceSettings, Differences, InverseError, Laplace,
-    LaplaceSettings, Noser, Prior, SequenceSolver, SequenceStatus, Tikhonov,
+    DifferenceData, DifferenceFrames, InverseError, Laplace, LaplaceSettings, Noser,
+    OneStepGaussNewton, OneStepSettings, Prior, SequenceSolver, SequenceStatus, Tikhonov,
 };
 use eit_mesh::{Mesh, MeshSettings, RimElectrodes, SkinShape, generate};
 use fixtures::Random;
@@ -33,16 +33,16 @@ impl Prior for Dense {
     }
 }
 
-fn single(hyperparameter: f64) -> DifferenceSettings {
-    DifferenceSettings { hyperparameter, ..Default::default() }
+fn single(hyperparameter: f64) -> OneStepSettings {
+    OneStepSettings { hyperparameter, ..Default::default() }
 }
 
 fn one_step(
     jacobian: &Array2<f64>,
     prior: &dyn Prior,
-    settings: &DifferenceSettings,
-) -> Difference {
-    Difference::new(jacobian, prior, settings.clone()).unwrap()
+    settings: &OneStepSettings,
+) -> OneStepGaussNewton {
+    OneStepGaussNewton::new(jacobian, prior, settings.clone()).unwrap()
 }
 
 fn images(
@@ -50,7 +50,7 @@ fn images(
     values: &Array2<f64>,
     good: Option<&Array2<bool>>,
 ) -> Array2<f64> {
-    let frames = Differences { values: values.view(), good: good.map(|good| good.view()) };
+    let frames = DifferenceFrames { values: values.view(), good: good.map(|good| good.view()) };
     method.reconstruct_sequence(&frames).unwrap().images
 }
 
@@ -60,12 +60,12 @@ type InTime = (Box<dyn SequenceSolver>, Array2<f64>);
 fn methods_in_time(
     jacobian: &Array2<f64>,
     prior: &dyn Prior,
-    difference: &DifferenceSettings,
+    difference: &OneStepSettings,
     frames: usize,
 ) -> Vec<InTime> {
     let mut methods: Vec<InTime> = Vec::new();
     for correlation_frames in [0.0, 1.5, 40.0] {
-        let settings = TimePriorSettings { difference: difference.clone(), correlation_frames };
+        let settings = TimePriorSettings { one_step: difference.clone(), correlation_frames };
         let covariance = Array2::from_shape_fn((frames, frames), |(s, t)| {
             let lag = s.abs_diff(t) as f64;
             if s == t { 1.0 } else { (-lag / correlation_frames).exp() }
@@ -74,7 +74,7 @@ fn methods_in_time(
     }
     for (process_noise, initial_variance) in [(0.1, 1.0), (1e-3, 10.0), (5.0, 0.2)] {
         let settings =
-            KalmanSettings { difference: difference.clone(), process_noise, initial_variance };
+            KalmanSettings { one_step: difference.clone(), process_noise, initial_variance };
         let covariance = Array2::from_shape_fn((frames, frames), |(s, t)| {
             initial_variance + process_noise * s.min(t) as f64
         });
@@ -88,7 +88,7 @@ fn methods_in_time(
 struct Scene {
     jacobian: Array2<f64>,
     prior: Dense,
-    difference: DifferenceSettings,
+    difference: OneStepSettings,
     values: Array2<f64>,
 }
 
@@ -101,7 +101,7 @@ fn scene(seed: u64, [frames, measurements, elements]: [usize; 3], lambda: f64) -
         values: random.normals(frames, measurements),
         jacobian,
         prior: Dense(root.t().dot(&root)),
-        difference: DifferenceSettings { noise_std: Some(noise_std), ..single(lambda) },
+        difference: OneStepSettings { noise_std: Some(noise_std), ..single(lambda) },
     }
 }
 
@@ -143,7 +143,7 @@ fn batch(
 fn compare_with_batch(scene: &Scene, good: &Array2<bool>, tolerance: f64) {
     let mut values = scene.values.clone();
     values.iter_mut().zip(good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::NAN);
-    let frames = Differences { values: values.view(), good: Some(good.view()) };
+    let frames = DifferenceFrames { values: values.view(), good: Some(good.view()) };
     let methods = methods_in_time(&scene.jacobian, &scene.prior, &scene.difference, values.nrows());
     for (mut method, in_time) in methods {
         let sequence = method.reconstruct_sequence(&frames).unwrap();
@@ -208,7 +208,7 @@ fn scalar_problems_by_hand() {
     let values = array![[5.0], [10.0]];
     // A = 4, s = 4, mu = 0.25 * 4 = 1: image = 2 / (4 + 1) dv
     let mut one = one_step(&jacobian, &prior, &single(0.5));
-    let frames = Differences::all_good(values.view());
+    let frames = DifferenceFrames::all_good(values.view());
     let sequence = one.reconstruct_sequence(&frames).unwrap();
     assert!(relative_difference(&sequence.images, &array![[2.0], [4.0]]) < 1e-15);
     // 2 * 2 - 5, 2 * 4 - 10
@@ -216,7 +216,7 @@ fn scalar_problems_by_hand() {
     // K = [[1, g], [g, 1]]: 2 K (4 K + I)^-1 has the eigenvalues 2 (1 +- g) / (5 +- 4 g) on the sum
     // and the difference of the two frames; g = 1/2: 3/7 and 1/3
     let settings =
-        TimePriorSettings { difference: single(0.5), correlation_frames: 1.0 / 2_f64.ln() };
+        TimePriorSettings { one_step: single(0.5), correlation_frames: 1.0 / 2_f64.ln() };
     let mut in_time = TimePrior::new(&jacobian, &prior, &settings).unwrap();
     let (sum, difference) = (15.0 * 3.0 / 7.0, -5.0 / 3.0);
     let expected = array![[0.5 * (sum + difference)], [0.5 * (sum - difference)]];
@@ -225,7 +225,7 @@ fn scalar_problems_by_hand() {
     // C = M / (1 + 4 M) = 0.45 / 2.8, c = 2 + C 2 (10 - 4) = 2 + 5.4 / 2.8; smoothed frame 1:
     // 2 + 0.2 / 0.45 * 5.4 / 2.8
     let settings =
-        KalmanSettings { difference: single(0.5), process_noise: 0.25, initial_variance: 1.0 };
+        KalmanSettings { one_step: single(0.5), process_noise: 0.25, initial_variance: 1.0 };
     let mut smoother = KalmanSmoother::new(&jacobian, &prior, &settings).unwrap();
     let gained = 5.4 / 2.8;
     let expected = array![[2.0 + gained * 0.2 / 0.45], [2.0 + gained]];
@@ -239,13 +239,13 @@ fn scalar_problems_by_hand() {
 }
 
 /// 8 electrodes on a disc: 40 measurements, 20 independent.
-fn skin(lambda: f64, frames: usize) -> (Array2<f64>, Laplace, DifferenceSettings, Array2<f64>) {
+fn skin(lambda: f64, frames: usize) -> (Array2<f64>, Laplace, OneStepSettings, Array2<f64>) {
     let surface = disc(0.1, 8);
     let jacobian = jacobian(&surface, 0.1, 8);
     let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
     let mut random = Random::new(5);
     let noise_std = (0..jacobian.nrows()).map(|_| 0.5 + random.uniform()).collect();
-    let settings = DifferenceSettings { noise_std: Some(noise_std), ..single(lambda) };
+    let settings = OneStepSettings { noise_std: Some(noise_std), ..single(lambda) };
     let values = random.normals(frames, jacobian.nrows());
     (jacobian, prior, settings, values)
 }
@@ -254,7 +254,7 @@ fn skin(lambda: f64, frames: usize) -> (Array2<f64>, Laplace, DifferenceSettings
 fn residuals(
     jacobian: &Array2<f64>,
     noise_std: &[f64],
-    frames: &Differences<'_>,
+    frames: &DifferenceFrames<'_>,
     images: &Array2<f64>,
 ) -> Vec<f64> {
     let predicted = images.dot(&jacobian.t());
@@ -273,12 +273,12 @@ fn without_correlation_in_time_every_frame_is_one_step() {
         let (jacobian, prior, difference, values) = skin(lambda, 6);
         let mut one = one_step(&jacobian, &prior, &difference);
         let noise_std = difference.noise_std.clone().unwrap();
-        let settings = TimePriorSettings { difference, correlation_frames: 0.0 };
+        let settings = TimePriorSettings { one_step: difference, correlation_frames: 0.0 };
         let mut in_time = TimePrior::new(&jacobian, &prior, &settings).unwrap();
         let mut good = Array2::from_elem(values.dim(), true);
         for masked in [vec![], vec![(1, 3), (1, 4), (4, 39)], (0..40).map(|i| (2, i)).collect()] {
             masked.into_iter().for_each(|at| good[at] = false);
-            let frames = Differences { values: values.view(), good: Some(good.view()) };
+            let frames = DifferenceFrames { values: values.view(), good: Some(good.view()) };
             let a = one.reconstruct_sequence(&frames).unwrap();
             let b = in_time.reconstruct_sequence(&frames).unwrap();
             // the same spectrum, the same sums in another order: measured 2e-15
@@ -299,15 +299,15 @@ fn masked_everywhere_is_built_without() {
     let used: Vec<bool> = (0..40).map(|i| ![7, 8, 31].contains(&i)).collect();
     let good = Array2::from_shape_fn(values.dim(), |(_, i)| used[i]);
     values.iter_mut().zip(&good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::INFINITY);
-    let scale = |settings: &DifferenceSettings| {
+    let scale = |settings: &OneStepSettings| {
         let one = one_step(&jacobian, &prior, settings);
         let report = one.report();
         report.scale / report.noise_scale.unwrap().powi(2)
     };
-    let mut without = DifferenceSettings { used: Some(used), ..difference.clone() };
-    // the same lambda^2 s, see `Reconstructor::reconstruct_without_into`
+    let mut without = OneStepSettings { used: Some(used), ..difference.clone() };
+    // the same lambda^2 s, see `Reconstructor::reconstruct_masked_into`
     without.hyperparameter *= (scale(&difference) / scale(&without)).sqrt();
-    let one = |settings: &DifferenceSettings| -> Box<dyn SequenceSolver> {
+    let one = |settings: &OneStepSettings| -> Box<dyn SequenceSolver> {
         Box::new(one_step(&jacobian, &prior, settings))
     };
     let mut pairs = vec![(one(&difference), one(&without))];
@@ -327,7 +327,7 @@ fn masked_everywhere_is_built_without() {
 #[test]
 fn the_filter_is_the_smoother_of_the_frames_so_far() {
     let scene = scene(9, [6, 7, 11], 0.1);
-    let settings = KalmanSettings { difference: scene.difference.clone(), ..Default::default() };
+    let settings = KalmanSettings { one_step: scene.difference.clone(), ..Default::default() };
     let mut smoother = KalmanSmoother::new(&scene.jacobian, &scene.prior, &settings).unwrap();
     let mut filter = KalmanFilter::new(&scene.jacobian, &scene.prior, &settings).unwrap();
     assert_eq!((filter.measurements(), filter.image_len()), (7, 11));
@@ -367,11 +367,11 @@ fn normalised_data_is_plain_data_in_other_units() {
     let model_voltages_v: Vec<f64> = (0..40).map(|_| 0.5 + random.uniform()).collect();
     let data = DifferenceData::Normalised { model_voltages_v: model_voltages_v.clone() };
     let noise_std = Some(data.noise_std(plain.noise_std.as_ref().unwrap()).unwrap());
-    let normalised = DifferenceSettings { data, noise_std, ..plain.clone() };
+    let normalised = OneStepSettings { data, noise_std, ..plain.clone() };
     let ratios = &values / &Array1::from(model_voltages_v);
     let mut good = Array2::from_elem(values.dim(), true);
     for round in 0..2 {
-        let one = |settings: &DifferenceSettings, values: &Array2<f64>| {
+        let one = |settings: &OneStepSettings, values: &Array2<f64>| {
             let mut method = one_step(&jacobian, &prior, settings);
             images(&mut method, values, Some(&good))
         };
@@ -404,7 +404,7 @@ fn wrong_data_is_refused() {
         let mut masked = good.clone();
         // a mask in that frame, but elsewhere
         masked[(2, 30)] = false;
-        let frames = Differences { values: bad.view(), good: Some(masked.view()) };
+        let frames = DifferenceFrames { values: bad.view(), good: Some(masked.view()) };
         let error = method.reconstruct_sequence(&frames).unwrap_err();
         assert!(
             matches!(error, InverseError::NonFiniteData { frame: 2, measurement: 11, value } if value.is_nan()),
@@ -420,7 +420,8 @@ fn refuses_wrong_data(method: &mut dyn SequenceSolver, values: &Array2<f64>) {
     for value in [f64::NAN, f64::INFINITY] {
         let mut bad = values.clone();
         bad[(1, 5)] = value;
-        let error = method.reconstruct_sequence(&Differences::all_good(bad.view())).unwrap_err();
+        let error =
+            method.reconstruct_sequence(&DifferenceFrames::all_good(bad.view())).unwrap_err();
         assert!(
             matches!(error, InverseError::NonFiniteData { frame: 1, measurement: 5, .. }),
             "{}: {error}",
@@ -428,11 +429,11 @@ fn refuses_wrong_data(method: &mut dyn SequenceSolver, values: &Array2<f64>) {
         );
     }
     let narrow = Array2::zeros((frames, measurements - 1));
-    let wrong = method.reconstruct_sequence(&Differences::all_good(narrow.view()));
+    let wrong = method.reconstruct_sequence(&DifferenceFrames::all_good(narrow.view()));
     assert!(matches!(wrong, Err(InverseError::WrongLength { .. })));
     for shape in [(frames - 1, measurements), (frames, measurements + 1)] {
         let good = Array2::from_elem(shape, true);
-        let frames = Differences { values: values.view(), good: Some(good.view()) };
+        let frames = DifferenceFrames { values: values.view(), good: Some(good.view()) };
         assert!(matches!(
             method.reconstruct_sequence(&frames),
             Err(InverseError::WrongLength { .. })
@@ -465,14 +466,14 @@ fn settings_out_of_range_are_refused() {
         (1e13, 1.0),
     ] {
         let settings =
-            KalmanSettings { difference: difference.clone(), process_noise, initial_variance };
+            KalmanSettings { one_step: difference.clone(), process_noise, initial_variance };
         out_of_range(KalmanSmoother::new(&jacobian, &prior, &settings).unwrap_err());
         out_of_range(KalmanFilter::new(&jacobian, &prior, &settings).unwrap_err());
     }
     // the square of the last leaves the range of doubles
     for lambda in [0.0, -1.0, f64::NAN, 1e-170, 1e170] {
         let difference = single(lambda);
-        let settings = TimePriorSettings { difference, ..Default::default() };
+        let settings = TimePriorSettings { one_step: difference, ..Default::default() };
         out_of_range(TimePrior::new(&jacobian, &prior, &settings).unwrap_err());
     }
 }
@@ -560,11 +561,11 @@ fn strong_contrast_from_a_finer_mesh_is_found_better_than_by_one_step() {
             error_of(&images(&mut method, &values, None), &truth, &mesh)
         });
         let iterated = lambdas.map(|lambda| {
-            let settings = AbsoluteSettings { difference: single(lambda), ..Default::default() };
+            let settings = AbsoluteSettings { one_step: single(lambda), ..Default::default() };
             let mut method =
                 AbsoluteGaussNewton::new(&coarse, &reference, &prior, settings).unwrap();
             let sequence =
-                method.reconstruct_sequence(&Differences::all_good(values.view())).unwrap();
+                method.reconstruct_sequence(&DifferenceFrames::all_good(values.view())).unwrap();
             assert_eq!(sequence.report.status, SequenceStatus::Converged);
             let report = &method.frame_reports()[0];
             assert!(never_rises(&report.objective), "{:?}", report.objective);
@@ -609,14 +610,14 @@ fn bounds_hold_exactly_and_the_objective_never_rises() {
         {
             let bounds_s = bounds.map(|b| b * CONDUCTIVITY_S);
             let settings = AbsoluteSettings {
-                difference: single(lambda),
+                one_step: single(lambda),
                 bounds_s: Some(bounds_s),
                 ..Default::default()
             };
             let mut method =
                 AbsoluteGaussNewton::new(&model, &reference, &prior, settings).unwrap();
             let sequence =
-                method.reconstruct_sequence(&Differences::all_good(values.view())).unwrap();
+                method.reconstruct_sequence(&DifferenceFrames::all_good(values.view())).unwrap();
             // the image is sigma - sigma_ref, rounded once more
             let [lower, upper] = bounds_s.map(|b| b - CONDUCTIVITY_S);
             assert!(sequence.images.iter().all(|x| (lower..=upper).contains(x)), "{bounds:?}");
@@ -666,7 +667,7 @@ fn the_objective_is_the_one_documented_and_the_image_its_minimum() {
     let prior = Tikhonov::new(small.mesh.surface());
     let (lambda, range) = (0.05, 100.0);
     let settings = AbsoluteSettings {
-        difference: single(lambda),
+        one_step: single(lambda),
         bounds_s: Some([CONDUCTIVITY_S / range, CONDUCTIVITY_S * range]),
         relative_decrease: 1e-12,
         max_iterations: 200,
@@ -677,7 +678,7 @@ fn the_objective_is_the_one_documented_and_the_image_its_minimum() {
     let mut method =
         AbsoluteGaussNewton::new(&small.model, &small.reference, &prior, settings).unwrap();
     let sequence =
-        method.reconstruct_sequence(&Differences::all_good(small.values.view())).unwrap();
+        method.reconstruct_sequence(&DifferenceFrames::all_good(small.values.view())).unwrap();
     assert_eq!(sequence.report.status, SequenceStatus::Converged);
     let mut random = Random::new(3);
     for (t, report) in method.frame_reports().iter().enumerate() {
@@ -720,11 +721,8 @@ fn for_small_changes_it_is_one_step() {
     let prior = Laplace::new(mesh.surface(), &LaplaceSettings::default()).unwrap();
     let jacobian = model.jacobian(&reference).unwrap();
     let mut one = one_step(&jacobian, &prior, &single(0.03));
-    let settings = AbsoluteSettings {
-        difference: single(0.03),
-        relative_decrease: 1e-14,
-        ..Default::default()
-    };
+    let settings =
+        AbsoluteSettings { one_step: single(0.03), relative_decrease: 1e-14, ..Default::default() };
     let mut iterated = AbsoluteGaussNewton::new(&model, &reference, &prior, settings).unwrap();
     let touched = values.select(Axis(0), &[0]);
     let mut error = |scale: f64| {
@@ -741,9 +739,9 @@ fn masked_channels_and_lost_frames_of_the_iterated_reconstruction() {
     let Small { mesh, model, reference, values } = small();
     let mut values = values.select(Axis(0), &[0, 1, 1, 3]);
     let prior = Laplace::new(mesh.surface(), &LaplaceSettings::default()).unwrap();
-    let build = |difference: &DifferenceSettings| {
+    let build = |difference: &OneStepSettings| {
         let settings = AbsoluteSettings {
-            difference: difference.clone(),
+            one_step: difference.clone(),
             relative_decrease: 1e-9,
             ..Default::default()
         };
@@ -752,9 +750,8 @@ fn masked_channels_and_lost_frames_of_the_iterated_reconstruction() {
     let full = single(0.03);
     let used: Vec<bool> = (0..40).map(|i| ![3, 4, 22].contains(&i)).collect();
     let jacobian = model.jacobian(&reference).unwrap();
-    let scale =
-        |settings: &DifferenceSettings| one_step(&jacobian, &prior, settings).report().scale;
-    let mut without = DifferenceSettings { used: Some(used.clone()), ..full.clone() };
+    let scale = |settings: &OneStepSettings| one_step(&jacobian, &prior, settings).report().scale;
+    let mut without = OneStepSettings { used: Some(used.clone()), ..full.clone() };
     without.hyperparameter *= (scale(&full) / scale(&without)).sqrt();
     let mut good = Array2::from_shape_fn(values.dim(), |(_, i)| used[i]);
     values.iter_mut().zip(&good).filter(|(_, good)| !**good).for_each(|(v, _)| *v = f64::NAN);
@@ -801,12 +798,12 @@ fn normalised_data_of_the_iterated_reconstruction() {
     let ratios = &values / &Array1::from(model_voltages_v.clone());
     let data = DifferenceData::Normalised { model_voltages_v };
     let noise_std = Some(data.noise_std(&[1e-3; 40]).unwrap());
-    let normalised = DifferenceSettings { data, noise_std, ..single(0.03) };
-    let plain = DifferenceSettings { noise_std: Some(vec![1e-3; 40]), ..single(0.03) };
+    let normalised = OneStepSettings { data, noise_std, ..single(0.03) };
+    let plain = OneStepSettings { noise_std: Some(vec![1e-3; 40]), ..single(0.03) };
     let [a, b] = [(plain, values), (normalised, ratios)].map(|(difference, values)| {
-        let settings = AbsoluteSettings { difference, ..Default::default() };
+        let settings = AbsoluteSettings { one_step: difference, ..Default::default() };
         let mut method = AbsoluteGaussNewton::new(&model, &reference, &prior, settings).unwrap();
-        method.reconstruct_sequence(&Differences::all_good(values.view())).unwrap()
+        method.reconstruct_sequence(&DifferenceFrames::all_good(values.view())).unwrap()
     });
     // the same problem in other units, rounding of a few steps: measured 4e-13
     assert!(relative_difference(&b.images, &a.images) < 1e-10);
@@ -835,7 +832,7 @@ fn settings_of_the_iterated_reconstruction_out_of_range_are_refused() {
     }
     let error = refused(AbsoluteSettings { max_iterations: 0, ..Default::default() });
     assert!(matches!(error, InverseError::OutOfRange { .. }), "{error}");
-    let error = refused(AbsoluteSettings { difference: single(-1.0), ..Default::default() });
+    let error = refused(AbsoluteSettings { one_step: single(-1.0), ..Default::default() });
     assert!(matches!(error, InverseError::OutOfRange { .. }), "{error}");
 
     let new = |reference: &[f64], prior: &dyn Prior| {

@@ -7,7 +7,7 @@ mod common;
 mod problem;
 
 use eit_inverse::{
-    Differences, Fidelity, Gradient, ImageSequence, InverseError, SequenceStatus, StTv,
+    DifferenceFrames, Fidelity, Gradient, ImageSequence, InverseError, SequenceStatus, StTv,
     StTvSettings, Stop,
 };
 use fixtures::Random;
@@ -587,7 +587,8 @@ fn jacobians_and_frames_that_do_not_fit_are_refused() {
 
     let solver = good.solver().unwrap();
     let refused = |values: Array2<f64>, flags: Option<Array2<bool>>| {
-        let frames = Differences { values: values.view(), good: flags.as_ref().map(|f| f.view()) };
+        let frames =
+            DifferenceFrames { values: values.view(), good: flags.as_ref().map(|f| f.view()) };
         solver.solve(&frames, &gap(1e-3)).unwrap_err()
     };
     let wrong = |error: &InverseError, what: &str| matches!(error, InverseError::WrongLength { what: named, .. } if *named == what);

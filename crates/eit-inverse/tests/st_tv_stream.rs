@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
 
 use eit_inverse::{
-    Differences, Fidelity, Gradient, InverseError, SequenceStatus, StTv, StTvSettings, StTvStream,
-    Stop, StreamSettings,
+    DifferenceFrames, Fidelity, Gradient, InverseError, SequenceStatus, StTv, StTvSettings,
+    StTvStream, Stop, StreamSettings,
 };
 use fixtures::Random;
 use ndarray::{Array1, Array2};
@@ -98,7 +98,7 @@ fn equals_the_batch_solution_of_the_window_to_the_gap() {
                 scene.frames[f + 1 - window + k][i]
             });
             let stop = Stop { target_gap: 1e-4, ..Default::default() };
-            let batch = solver.solve(&Differences::all_good(values.view()), &stop).unwrap();
+            let batch = solver.solve(&DifferenceFrames::all_good(values.view()), &stop).unwrap();
             let optimum = batch.report.certificate.unwrap();
             // both are certified: the intervals overlap, up to the rounding of f64
             assert!(own.lower_bound <= optimum.primal * (1.0 + 1e-9), "frame {f}");

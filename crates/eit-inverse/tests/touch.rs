@@ -13,7 +13,7 @@ use common::{disc, grid, jacobian};
 use eit_inverse::metrics::{Cells, ChangeSign};
 use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
-    Difference, DifferenceSettings, InverseError, Laplace, LaplaceSettings, Reconstructor,
+    InverseError, Laplace, LaplaceSettings, OneStepGaussNewton, OneStepSettings, Reconstructor,
 };
 use eit_mesh::{Raster, Surface};
 use fixtures::Random;
@@ -27,7 +27,7 @@ fn linear() -> (Surface, Raster, Reconstructor) {
     let surface = disc(RADIUS_M, 12);
     let jacobian = jacobian(&surface, RADIUS_M, 16);
     let prior = Laplace::new(&surface, &LaplaceSettings::default()).unwrap();
-    let inverse = Difference::new(&jacobian, &prior, DifferenceSettings::default()).unwrap();
+    let inverse = OneStepGaussNewton::new(&jacobian, &prior, OneStepSettings::default()).unwrap();
     let raster = Raster::new(&surface, 24).unwrap();
     let reconstructor = inverse.on_raster(raster.pixel_from_element()).unwrap();
     (surface, raster, reconstructor)

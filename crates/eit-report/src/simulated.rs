@@ -5,13 +5,11 @@ use crate::error::ReportError;
 use crate::output::ending;
 use crate::output::{OutFile, OutFolder, io, write_csv, write_npy};
 use crate::settings::SimulateSettings;
-use eit_fem::fabric::{
-    PlayCircle, Simulation, SimulationSettings, TouchScript, TrueQuality,
-};
+use eit_fem::fabric::{PlayCircle, Simulation, SimulationSettings, TouchScript, TrueQuality};
 use eit_mesh::{Mesh, Raster};
 use eit_picture::{FrameLabels, PictureSettings, draw_sheet, write_gif};
-use eit_skin::{MeshOverride, Progress, Skin, check_images, rounding_warning};
 use eit_skin::scene::{Scene, Shape, from_toml};
+use eit_skin::{MeshOverride, Progress, Skin, check_images, rounding_warning};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;

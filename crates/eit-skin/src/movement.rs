@@ -28,7 +28,7 @@ use crate::one_step::{ChosenBy, Imaging, choose};
 use crate::progress::Progress;
 use crate::scene::DifferenceKind;
 use crate::synthetic_touch::{self, Places};
-use eit_inverse::{Difference, NuisanceParameters};
+use eit_inverse::{NuisanceParameters, OneStepGaussNewton};
 use ndarray::{Array2, ArrayView1};
 use std::sync::Arc;
 
@@ -36,7 +36,7 @@ use std::sync::Arc;
 pub(crate) struct TakenOut {
     /// What displacements are weighed against, in units of the noise.
     pub error: f64,
-    /// Differences to white noise of standard deviation 1.
+    /// DifferenceFrames to white noise of standard deviation 1.
     pub side: NuisanceParameters,
     /// The Jacobian of those; voltages as they were.
     pub linearised: LinearisedSkin,
@@ -61,7 +61,7 @@ pub struct WithoutMovement {
 /// The one-step reconstruction of the data as they came, and how its hyperparameter was chosen.
 #[derive(Debug)]
 struct Before {
-    difference: Difference,
+    difference: OneStepGaussNewton,
     chosen: ChosenBy,
 }
 
@@ -76,7 +76,7 @@ pub(crate) fn take_out(
     linearised: &LinearisedSkin,
     noise: &DataNoise,
     used: &[bool],
-    before: Option<&Difference>,
+    before: Option<&OneStepGaussNewton>,
 ) -> Result<Option<TakenOut>, SkinError> {
     let movement_m = linearised.skin.settings.reconstruction.electrode_movement_m;
     let (Some(movement_m), Some(movement)) = (movement_m, &linearised.movement) else {
@@ -176,7 +176,8 @@ impl FittedFrames {
         settings.noise_std = Some(noise.std.clone());
         let prior = self.skin.prior()?;
         progress.stage("hyperparameter", || {
-            let mut difference = Difference::new(&self.skin.jacobian, prior.as_ref(), settings)?;
+            let mut difference =
+                OneStepGaussNewton::new(&self.skin.jacobian, prior.as_ref(), settings)?;
             let ChosenBy { chosen, rule } = choose(self, &mut difference)?;
             let rule = format!("{rule} of the data with movement");
             Ok(Before { difference, chosen: ChosenBy { chosen, rule } })
@@ -197,7 +198,8 @@ impl WithoutMovement {
         let settings = self.fitted.one_step_settings()?;
         let prior = linearised.prior()?;
         let difference = progress.stage("reconstruction matrix", || {
-            let mut difference = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
+            let mut difference =
+                OneStepGaussNewton::new(&linearised.jacobian, prior.as_ref(), settings)?;
             difference.set_prior_of(before)?;
             Ok::<_, SkinError>(difference)
         })?;

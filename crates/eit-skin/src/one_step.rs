@@ -7,7 +7,9 @@ use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Hyperparameter, Rule};
 use crate::skin::check_images;
 use eit_denoise::ImageStack;
-use eit_inverse::{Chosen, Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget};
+use eit_inverse::{
+    ChosenHyperparameter, HyperparameterChoice, NoiseTarget, OneStepGaussNewton, OneStepSettings,
+};
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView1, Axis};
 
@@ -18,9 +20,9 @@ pub const DEFAULT_NOISE_FIGURE: f64 = 1.0;
 #[derive(Debug)]
 pub struct Imaging {
     /// On elements.
-    pub difference: Difference,
+    pub difference: OneStepGaussNewton,
     /// How the hyperparameter was chosen.
-    pub chosen: Chosen,
+    pub chosen: ChosenHyperparameter,
     /// The rule in words.
     pub rule: String,
     /// Pixels of the pictures.
@@ -39,7 +41,7 @@ impl FittedFrames {
         let settings = self.one_step_settings()?;
         let prior = self.skin.prior()?;
         let mut difference = progress.stage("reconstruction matrix", || {
-            Difference::new(&self.skin.jacobian, prior.as_ref(), settings)
+            OneStepGaussNewton::new(&self.skin.jacobian, prior.as_ref(), settings)
         })?;
         let found = progress.stage("hyperparameter", || choose(self, &mut difference))?;
         let raster = self.skin.raster(progress)?.clone();
@@ -52,7 +54,7 @@ impl FittedFrames {
     /// # Errors
     ///
     /// Those of the difference data.
-    pub fn one_step_settings(&self) -> Result<DifferenceSettings, SkinError> {
+    pub fn one_step_settings(&self) -> Result<OneStepSettings, SkinError> {
         let data = self.skin.difference_data();
         let skin = &self.skin.skin;
         let stated = match self.skin.is_white {
@@ -62,7 +64,7 @@ impl FittedFrames {
         let additive = stated.map(|e| vec![e; skin.protocol.measurements()]);
         let noise_std = additive.map(|noise_std_v| data.noise_std(&noise_std_v)).transpose()?;
         let used = Some(self.frames.used.clone());
-        Ok(DifferenceSettings { data, noise_std, used, ..Default::default() })
+        Ok(OneStepSettings { data, noise_std, used, ..Default::default() })
     }
 }
 
@@ -70,7 +72,7 @@ impl FittedFrames {
 #[derive(Debug, Clone)]
 pub struct ChosenBy {
     /// The choice.
-    pub chosen: Chosen,
+    pub chosen: ChosenHyperparameter,
     /// The rule.
     pub rule: String,
 }
@@ -78,7 +80,7 @@ pub struct ChosenBy {
 /// Chooses the hyperparameter by the rule of the settings.
 pub(crate) fn choose(
     fitted: &FittedFrames,
-    difference: &mut Difference,
+    difference: &mut OneStepGaussNewton,
 ) -> Result<ChosenBy, SkinError> {
     let FittedFrames { skin: linearised, frames, .. } = fitted;
     let keys = &linearised.skin.settings.reconstruction;
@@ -145,7 +147,7 @@ impl Imaging {
                 let values = frames.values.row(frame).to_vec();
                 let (reference, memory) = (&frames.reference, &mut workspace);
                 reconstructor
-                    .reconstruct_without_into(&values, reference, &bad, memory, &mut image)
+                    .reconstruct_masked_into(&values, reference, &bad, memory, &mut image)
                     .map_err(|e| SkinError::from(e).within(&format!("frame {frame}")))?;
                 pixels.row_mut(frame).assign(&ArrayView1::from(&image));
                 bar.inc();

@@ -8,7 +8,7 @@ use eit_inverse::sequence::{
     AbsoluteGaussNewton, AbsoluteSettings, KalmanSettings, KalmanSmoother, TimePrior,
     TimePriorSettings,
 };
-use eit_inverse::{Difference, DifferenceSettings, Prior, SequenceSolver};
+use eit_inverse::{OneStepGaussNewton, OneStepSettings, Prior, SequenceSolver};
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView2};
 
@@ -22,24 +22,24 @@ pub fn method<'a>(
     method: Method,
     linearised: &'a LinearisedSkin,
     prior: &'a dyn Prior,
-    settings: DifferenceSettings,
+    settings: OneStepSettings,
 ) -> Result<Option<Box<dyn SequenceSolver + 'a>>, SkinError> {
     let jacobian = &linearised.jacobian;
-    let difference = settings;
+    let one_step = settings;
     Ok(Some(match method {
         Method::StTv | Method::Tv => return Ok(None),
-        Method::GaussNewton => Box::new(Difference::new(jacobian, prior, difference)?),
+        Method::GaussNewton => Box::new(OneStepGaussNewton::new(jacobian, prior, one_step)?),
         Method::TimePrior => {
-            let settings = TimePriorSettings { difference, ..Default::default() };
+            let settings = TimePriorSettings { one_step, ..Default::default() };
             Box::new(TimePrior::new(jacobian, prior, &settings)?)
         }
         Method::Kalman => {
-            let settings = KalmanSettings { difference, ..Default::default() };
+            let settings = KalmanSettings { one_step, ..Default::default() };
             Box::new(KalmanSmoother::new(jacobian, prior, &settings)?)
         }
         Method::GaussNewtonAbsolute => {
             let bounds_s = bounds_s(&linearised.skin);
-            let settings = AbsoluteSettings { difference, bounds_s, ..Default::default() };
+            let settings = AbsoluteSettings { one_step, bounds_s, ..Default::default() };
             let background = linearised.skin.background_s();
             Box::new(AbsoluteGaussNewton::new(
                 &linearised.skin.model,

@@ -3,8 +3,8 @@
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::scene::{
-    Accuracy, BuiltMesh, DifferenceKind, Instrument, MeshChoice, MeshSource, Scene, StageSettings,
-    Symmetry,
+    Accuracy, BuiltMesh, DifferenceKind, InstrumentSettings, MeshChoice, MeshSource, Scene,
+    StageSettings, Symmetry,
 };
 use eit_fem::analytic::DiscSeries;
 use eit_fem::fabric::{Fabric, FabricSettings};
@@ -58,7 +58,9 @@ pub struct SkinModel {
     /// The simulated fabric.
     pub fabric: FabricSettings,
     /// The instrument, where the scene names one.
-    pub instrument: Option<Instrument>,
+    pub instrument: Option<InstrumentSettings>,
+    /// Amplitude of the drive current, ampere.
+    pub current_a: f64,
     /// Checksum of shape, electrodes and protocol: what a trained net belongs to.
     pub fingerprint: String,
     /// The scene as TOML, for recordings.
@@ -142,10 +144,6 @@ impl Skin {
         let model = model.map_err(|e| SkinError::from(e).within(&scene.place))?;
         let has_pairs = protocol.quadruples().is_some() && !scene.has_quadruples_file();
         let pairs = has_pairs.then(|| scene.pair_protocol(electrodes)).transpose()?;
-        let instrument = match scene.instrument {
-            Some(_) => Some(scene.instrument_of(&protocol)?),
-            None => None,
-        };
         let model = SkinModel {
             name: scene.name.clone(),
             place: scene.place.clone(),
@@ -158,7 +156,8 @@ impl Skin {
             fingerprint: scene.skin_fingerprint()?,
             scene_toml: scene.to_toml()?,
             why_real: scene.why_real(),
-            instrument,
+            instrument: scene.instrument.clone(),
+            current_a: scene.current_a(),
             mesh,
             protocol,
             model,
@@ -199,6 +198,7 @@ impl Skin {
             symmetry: self.symmetry,
             fabric: self.fabric.clone(),
             instrument: self.instrument.clone(),
+            current_a: self.current_a,
             fingerprint: self.fingerprint.clone(),
             scene_toml: self.scene_toml.clone(),
             why_real: self.why_real,

@@ -26,7 +26,7 @@ pub struct Places {
     pub side_m: f64,
 }
 
-/// Differences of a fingertip on its way from the middle of the skin towards its farthest point,
+/// DifferenceFrames of a fingertip on its way from the middle of the skin towards its farthest point,
 /// [frame, measurement], with noise. `jacobian` has a column for each place; `sheet_s` is the
 /// background.
 pub fn touch(

@@ -12,7 +12,7 @@ use crate::noise::DataNoise;
 use crate::progress::Progress;
 use crate::scene::{Delta, DeltaRule, ReconstructionSettings};
 use eit_inverse::{
-    ChosenWeights, Differences, Fidelity, Gradient, ImageSequence, SequenceReport, StTv,
+    ChosenWeights, DifferenceFrames, Fidelity, Gradient, ImageSequence, SequenceReport, StTv,
     StTvSettings, Stop, WeightStatus,
 };
 use eit_mesh::Raster;
@@ -164,7 +164,7 @@ fn reconstruct(
     let good = fitted.good();
     let quiet = match &known {
         Some(noise) => progress.stage("quiet frames", || {
-            let all = Differences { values: values.view(), good: Some(good.view()) };
+            let all = DifferenceFrames { values: values.view(), good: Some(good.view()) };
             Ok::<_, SkinError>(set_up(method, Some(noise))?.quiet_frames(&all)?)
         })?,
         None => vec![false; values.nrows()],
@@ -194,7 +194,7 @@ fn reconstruct(
     let mut solver =
         progress.stage("set-up of total variation", || set_up(method, movie.noise.as_ref()))?;
     movie.rank = solver.rank();
-    let differences = Differences { values: part.values.view(), good: Some(part.good.view()) };
+    let differences = DifferenceFrames { values: part.values.view(), good: Some(part.good.view()) };
     let length_m = time_length_m(raster);
     let of_recording = |error| part.of_recording(error);
     let weights = progress
@@ -227,7 +227,7 @@ fn weighting(
 fn weights(
     solver: &mut StTv,
     keys: &ReconstructionSettings,
-    frames: &Differences<'_>,
+    frames: &DifferenceFrames<'_>,
     length_m: f64,
     used: usize,
 ) -> Result<Weights, SkinError> {
@@ -263,7 +263,7 @@ fn weights(
 /// noise of one standard deviation, so that many times this weight hold the error.
 pub fn chosen_weights(
     solver: &mut StTv,
-    frames: &Differences<'_>,
+    frames: &DifferenceFrames<'_>,
     length_m: f64,
 ) -> Result<Weights, SkinError> {
     let chosen = solver.choose_weights(frames, length_m)?;

@@ -12,8 +12,8 @@ use crate::skin::check_images;
 use eit_inverse::metrics::{Cells, ChangeSign};
 use eit_inverse::touch::{NoiseFloor, Touch, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{
-    AdaptiveReference, Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget,
-    NuisanceParameters, Reconstructor, ReferenceSettings, Workspace,
+    AdaptiveReference, HyperparameterChoice, NoiseTarget, NuisanceParameters, OneStepGaussNewton,
+    OneStepSettings, Reconstructor, ReferenceSettings, Workspace,
 };
 use eit_mesh::Raster;
 use ndarray::{ArrayView3, Axis};
@@ -196,7 +196,7 @@ impl TouchFinder {
             None => {
                 let bad = &self.bad;
                 self.reconstructor
-                    .reconstruct_without_into(values, reference, bad, memory, pixels)?;
+                    .reconstruct_masked_into(values, reference, bad, memory, pixels)?;
             }
             Some(whitening) if self.bad.is_empty() => {
                 let white = whitening.of(values, reference)?;
@@ -301,7 +301,7 @@ fn reference_settings(keys: &TouchSettings) -> Option<ReferenceSettings> {
 /// One-step reconstruction weighted by the noise, at noise figure 1: an image as noisy as its data.
 /// Where electrodes move, that is taken out first, and the prior stays.
 struct Detector {
-    difference: Difference,
+    difference: OneStepGaussNewton,
     /// Takes the movement of electrodes out of differences.
     side: Option<NuisanceParameters>,
 }
@@ -317,7 +317,7 @@ impl Detector {
         settings.noise_std = Some(noise.std.clone());
         let prior = skin.prior()?;
         progress.stage("detector of touches", || {
-            let mut difference = Difference::new(&skin.jacobian, prior.as_ref(), settings)?;
+            let mut difference = OneStepGaussNewton::new(&skin.jacobian, prior.as_ref(), settings)?;
             let target = NoiseTarget::central(skin.skin.mesh.surface(), &skin.jacobian)?;
             let figure = DEFAULT_NOISE_FIGURE;
             let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
@@ -327,8 +327,8 @@ impl Detector {
                 return Ok(Self { difference, side: None });
             };
             let used = Some(frames.used.clone());
-            let settings = DifferenceSettings { used, ..Default::default() };
-            let mut left = Difference::new(&linearised.jacobian, prior.as_ref(), settings)?;
+            let settings = OneStepSettings { used, ..Default::default() };
+            let mut left = OneStepGaussNewton::new(&linearised.jacobian, prior.as_ref(), settings)?;
             left.set_prior_of(&difference)?;
             Ok::<_, SkinError>(Self { difference: left, side: Some(side) })
         })

@@ -72,14 +72,14 @@ impl Channels {
     }
 
     /// Difference data of the used measurements, not weighted, into `difference` `[used]`: zero at
-    /// the indices into `used` that `left_out` lists in ascending order, whose values are not
+    /// the indices into `used` that `masked` lists in ascending order, whose values are not
     /// looked at. Says whether any of it is not zero.
     pub(crate) fn difference_into(
         &self,
         frame_index: usize,
         frame: &[f64],
         reference_frame: &[f64],
-        left_out: &[usize],
+        masked: &[usize],
         difference: &mut [f64],
     ) -> Result<FrameStatus, InverseError> {
         check_length("frame", frame.len(), self.count)?;
@@ -87,16 +87,16 @@ impl Channels {
         let normalised = self.kind == DifferenceKind::Normalised;
         // nearly always over at the first measurement
         let mut used = self.used.iter().map(|&i| (frame[i], reference_frame[i]));
-        if left_out.is_empty()
+        if masked.is_empty()
             && used.all(|(v, r)| v == r && v.is_finite() && !(normalised && v == 0.0))
         {
             difference.fill(0.0);
             return Ok(FrameStatus::Unchanged);
         }
-        let mut left_out = left_out.iter().peekable();
+        let mut masked = masked.iter().peekable();
         let mut changed = false;
         for (k, (dv, &measurement)) in difference.iter_mut().zip(&self.used).enumerate() {
-            if left_out.next_if_eq(&&k).is_some() {
+            if masked.next_if_eq(&&k).is_some() {
                 *dv = 0.0;
                 continue;
             }

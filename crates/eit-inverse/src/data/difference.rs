@@ -76,7 +76,7 @@ pub enum DifferenceData {
     /// A gain that differs from channel to channel cancels, and so does the sign of instruments
     /// that report amplitudes only. It also lifts small voltages (far from the drive) to the
     /// weight of large ones, so noise that is equal in volts grows there: see
-    /// [`DifferenceSettings::noise_std`](crate::DifferenceSettings::noise_std).
+    /// [`OneStepSettings::noise_std`](crate::OneStepSettings::noise_std).
     Normalised {
         /// Voltages of the background conductivity the Jacobian was taken at, volts,
         /// `[measurement]`.
@@ -95,7 +95,7 @@ impl DifferenceData {
 
     /// Standard deviations of the differences from those in volts, both `[measurement]`: `e_i`
     /// (plain) or `e_i / |v0_i|` (normalised), as
-    /// [`DifferenceSettings::noise_std`](crate::DifferenceSettings::noise_std) takes them.
+    /// [`OneStepSettings::noise_std`](crate::OneStepSettings::noise_std) takes them.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`] where there are not as many model voltages.
@@ -115,7 +115,7 @@ impl DifferenceData {
     /// not used become zero; they and their voltages are not looked at.
     ///
     /// For methods that take difference data and the Jacobian of it, such as total variation;
-    /// [`Difference`](crate::Difference) does this itself.
+    /// [`OneStepGaussNewton`](crate::OneStepGaussNewton) does this itself.
     ///
     /// # Errors
     /// [`InverseError::WrongLength`]; [`InverseError::ZeroReference`] for a used measurement whose

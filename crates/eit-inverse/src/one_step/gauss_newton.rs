@@ -1,12 +1,12 @@
 //! One-step difference Gauss-Newton.
 
-use super::hyperparameter::{Chosen, HyperparameterChoice, HyperparameterStatus};
-use super::report::Report;
+use super::hyperparameter::{ChosenHyperparameter, HyperparameterChoice, HyperparameterStatus};
+use super::report::OneStepReport;
 use super::spectrum::Spectrum;
 use super::whitened::{covariance_times, weighted_rows};
 use crate::check::check_positive;
 use crate::data::{Channels, FrameStatus};
-use crate::{DifferenceSettings, InverseError, Prior, Reconstructor, Workspace};
+use crate::{InverseError, OneStepSettings, Prior, Reconstructor, Workspace};
 use eit_mesh::CsrMatrix;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, ColRef, Mat, MatMut, MatRef, Par};
@@ -37,13 +37,13 @@ use std::time::Instant;
 /// Source: Adler, Guardo, *IEEE Trans. Med. Imaging* 15 (1996), 170-179; the measurement-space
 /// form: Adler, Dai, Lionheart, *Physiol. Meas.* 28 (2007), S1-S11.
 #[derive(Debug, Clone)]
-pub struct Difference {
+pub struct OneStepGaussNewton {
     reconstructor: Reconstructor,
     pub(crate) spectrum: Spectrum,
-    report: Report,
+    report: OneStepReport,
 }
 
-impl Difference {
+impl OneStepGaussNewton {
     /// Computes the reconstruction of a linearisation.
     ///
     /// `jacobian` is `[measurement, element]`, volts per siemens (per square), in protocol order.
@@ -54,7 +54,7 @@ impl Difference {
     pub fn new(
         jacobian: &ArrayRef2<f64>,
         prior: &dyn Prior,
-        settings: DifferenceSettings,
+        settings: OneStepSettings,
     ) -> Result<Self, InverseError> {
         let (measurements, elements) = jacobian.dim();
         if measurements == 0 || elements == 0 {
@@ -89,12 +89,12 @@ impl Difference {
     }
 
     /// The same reconstruction without some of its measurements, for example where the instrument
-    /// flags a channel: equal to [`Difference::new`] with `used`, but from the spectrum alone.
+    /// flags a channel: equal to [`OneStepGaussNewton::new`] with `used`, but from the spectrum alone.
     ///
     /// Costs `m r^2 + 2 n r^2` flops; the prior is not needed again. `used` is `[measurement]`.
     /// Measurements left out before cannot come back; keep the full reconstruction for that. The
-    /// hyperparameter stays. For a few bad values in single frames
-    /// [`Reconstructor::reconstruct_without_into`] is far cheaper.
+    /// hyperparameter stays. For a few masked values in single frames
+    /// [`Reconstructor::reconstruct_masked_into`] is far cheaper.
     ///
     /// # Errors
     /// Wrong length, nothing left, [`InverseError::NotAvailable`].
@@ -111,7 +111,7 @@ impl Difference {
         let turn = rows.transpose() * &spectrum.vectors;
         let image_basis = product(self.reconstructor.image_rows(), turn.as_ref());
         let times = [0.0, spectrum_s, start.elapsed().as_secs_f64()];
-        let Report { prior, hyperparameter, .. } = self.report;
+        let OneStepReport { prior, hyperparameter, .. } = self.report;
         Ok(Self::assemble(prior, channels, spectrum, image_basis, hyperparameter, times))
     }
 
@@ -124,7 +124,7 @@ impl Difference {
         times_s: [f64; 3],
     ) -> Self {
         let rank = spectrum.values.len();
-        let report = Report {
+        let report = OneStepReport {
             prior,
             measurements: channels.count,
             measurements_used: channels.used.len(),
@@ -145,7 +145,7 @@ impl Difference {
     }
 
     /// What this reconstruction is and what it cost.
-    pub fn report(&self) -> &Report {
+    pub fn report(&self) -> &OneStepReport {
         &self.report
     }
 
@@ -170,7 +170,8 @@ impl Difference {
     /// # Errors
     /// As [`set_hyperparameter`](Self::set_hyperparameter).
     pub fn set_prior_of(&mut self, other: &Self) -> Result<(), InverseError> {
-        let unit = |report: &Report| report.scale / report.noise_scale.unwrap_or(1.0).powi(2);
+        let unit =
+            |report: &OneStepReport| report.scale / report.noise_scale.unwrap_or(1.0).powi(2);
         let ratio = unit(&other.report) / unit(&self.report);
         self.set_hyperparameter(other.report.hyperparameter * ratio.sqrt())
     }
@@ -182,7 +183,7 @@ impl Difference {
     pub fn choose_hyperparameter(
         &mut self,
         choice: &HyperparameterChoice<'_>,
-    ) -> Result<Chosen, InverseError> {
+    ) -> Result<ChosenHyperparameter, InverseError> {
         let chosen = choice.evaluate(&self.reconstructor, &self.spectrum)?;
         self.apply(chosen.hyperparameter, chosen.status);
         Ok(chosen)

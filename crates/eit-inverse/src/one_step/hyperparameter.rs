@@ -10,7 +10,7 @@ mod l_curve;
 mod noise_figure;
 mod search;
 
-pub use chosen::{Chosen, CurvePoint, HyperparameterStatus};
+pub use chosen::{ChosenHyperparameter, CurvePoint, HyperparameterStatus};
 pub use noise_figure::NoiseTarget;
 
 use super::spectrum::{Decomposition, Spectrum};
@@ -83,11 +83,11 @@ impl HyperparameterChoice<'_> {
         &self,
         reconstructor: &Reconstructor,
         spectrum: &Spectrum,
-    ) -> Result<Chosen, InverseError> {
+    ) -> Result<ChosenHyperparameter, InverseError> {
         match self {
             Self::Fixed(hyperparameter) => {
                 check_positive("hyperparameter", *hyperparameter)?;
-                Ok(Chosen {
+                Ok(ChosenHyperparameter {
                     hyperparameter: *hyperparameter,
                     status: HyperparameterStatus::Given,
                     criterion: f64::NAN,

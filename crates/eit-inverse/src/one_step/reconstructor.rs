@@ -1,7 +1,6 @@
 //! Frames to images: the part that runs for every frame.
-//! Long because one type has every way from a frame to an image.
 
-use super::left_out::{Damping, LeftOut};
+use super::missing::{Damping, MissingData};
 use super::spectrum::Spectrum;
 use crate::InverseError;
 use crate::check::check_length;
@@ -14,9 +13,9 @@ use ndarray::{Array1, Array2, ArrayView2};
 /// Scratch memory of one thread, so that a frame allocates nothing.
 #[derive(Debug, Clone)]
 pub struct Workspace {
-    difference: Vec<f64>,
-    coefficients: Vec<f64>,
-    left_out: LeftOut,
+    pub(super) difference: Vec<f64>,
+    pub(super) coefficients: Vec<f64>,
+    pub(super) missing: MissingData,
 }
 
 impl Workspace {
@@ -42,7 +41,7 @@ pub struct Reconstructor {
     image_basis: Vec<f64>,
     /// `C`, row-major `[rank, used measurement]`.
     data_basis: Vec<f64>,
-    damping: Damping,
+    pub(super) damping: Damping,
 }
 
 impl Reconstructor {
@@ -77,7 +76,7 @@ impl Reconstructor {
     }
 
     /// Length of an image: elements, or pixels after
-    /// [`on_raster`](crate::Difference::on_raster).
+    /// [`on_raster`](crate::OneStepGaussNewton::on_raster).
     pub fn image_len(&self) -> usize {
         self.image_len
     }
@@ -87,7 +86,7 @@ impl Reconstructor {
         Workspace {
             difference: vec![0.0; self.channels.used.len()],
             coefficients: vec![0.0; self.rank],
-            left_out: LeftOut::default(),
+            missing: MissingData::default(),
         }
     }
 
@@ -171,31 +170,8 @@ impl Reconstructor {
         Ok(status)
     }
 
-    /// [`reconstruct_difference_into`](Self::reconstruct_difference_into) without the measurements
-    /// `bad` (protocol indices), as [`reconstruct_without_into`](Self::reconstruct_without_into)
-    /// leaves them out.
-    ///
-    /// # Errors
-    /// As both.
-    pub fn reconstruct_difference_without_into(
-        &self,
-        difference: &[f64],
-        bad: &[usize],
-        workspace: &mut Workspace,
-        image: &mut [f64],
-    ) -> Result<FrameStatus, InverseError> {
-        self.check_memory(workspace, image)?;
-        check_length("difference", difference.len(), self.channels.used.len())?;
-        workspace.left_out.choose(&self.channels, bad)?;
-        workspace.difference.copy_from_slice(difference);
-        workspace.left_out.indices.iter().for_each(|&k| workspace.difference[k] = 0.0);
-        let status = self.check_difference(&workspace.difference)?;
-        self.complete(status, workspace, image)?;
-        Ok(status)
-    }
-
     /// Refuses difference data of a wrong length or not finite; says whether any of it is not zero.
-    fn check_difference(&self, difference: &[f64]) -> Result<FrameStatus, InverseError> {
+    pub(super) fn check_difference(&self, difference: &[f64]) -> Result<FrameStatus, InverseError> {
         check_length("difference", difference.len(), self.channels.used.len())?;
         if let Some(k) = difference.iter().position(|dv| !dv.is_finite()) {
             let (measurement, value) = (self.channels.used[k], difference[k]);
@@ -205,78 +181,24 @@ impl Reconstructor {
         Ok(if unchanged { FrameStatus::Unchanged } else { FrameStatus::Computed })
     }
 
-    /// [`reconstruct_into`](Self::reconstruct_into) without the measurements `bad` of this frame
-    /// (protocol indices, 0-based, in any order, repeated or not; unused ones change nothing).
-    /// Their values in frame and reference frame are never looked at: they may be NaN.
-    ///
-    /// Equal, up to rounding, to a reconstruction built without them at the same weight of the
-    /// prior `mu = lambda^2 s`, not at the same lambda, since the scale `s` is a mean over the used
-    /// measurements: [`Difference::restricted_to`](crate::Difference::restricted_to) gives the same
-    /// image at the lambda times `sqrt(s / s')`, with its own scale `s'`. So a frame with a failed
-    /// channel has the smoothness and the amplitude of its neighbours.
-    ///
-    /// For `k` bad ones costs `k^2 r + k^3 / 3` flops beside the frame's own: nothing to speak of
-    /// for a handful, half a frame more for one electrode of 16. Memory for it (`k^2 + k r` values)
-    /// is kept in the workspace: it allocates where a set is larger than any before.
-    ///
-    /// # Errors
-    /// As [`reconstruct_into`](Self::reconstruct_into); [`InverseError::UnknownMeasurement`];
-    /// [`InverseError::NothingUsed`]; [`InverseError::LeftOutDominates`] for a hyperparameter so
-    /// small that an error above 1e-6 of the image is to be expected from rounding (1e-5 and below
-    /// for one electrode of 16; the worst let through of 20 000 random problems was off by 9e-6),
-    /// unless what is left equals the reference: that image is zero for any hyperparameter.
-    pub fn reconstruct_without_into(
+    pub(super) fn check_memory(
         &self,
-        frame: &[f64],
-        reference_frame: &[f64],
-        bad: &[usize],
-        workspace: &mut Workspace,
-        image: &mut [f64],
-    ) -> Result<FrameStatus, InverseError> {
-        self.check_memory(workspace, image)?;
-        let Workspace { difference, left_out, .. } = workspace;
-        left_out.choose(&self.channels, bad)?;
-        let indices = &left_out.indices;
-        let status =
-            self.channels.difference_into(0, frame, reference_frame, indices, difference)?;
-        self.complete(status, workspace, image)?;
-        Ok(status)
-    }
-
-    /// The image of the workspace's difference, which is zero where it is left out.
-    fn complete(
-        &self,
-        status: FrameStatus,
-        workspace: &mut Workspace,
-        image: &mut [f64],
+        workspace: &Workspace,
+        image: &[f64],
     ) -> Result<(), InverseError> {
-        let Workspace { difference, coefficients, left_out } = workspace;
-        if status == FrameStatus::Unchanged {
-            // whatever is filled in, nothing speaks against zero
-            image.fill(0.0);
-            return Ok(());
-        }
-        self.to_coefficients(difference, coefficients);
-        let root_weights = &self.channels.root_weights;
-        left_out.complete(self.data_rows(), root_weights, &self.damping, coefficients)?;
-        self.to_image(coefficients, image);
-        Ok(())
-    }
-
-    fn check_memory(&self, workspace: &Workspace, image: &[f64]) -> Result<(), InverseError> {
         check_length("image", image.len(), self.image_len)?;
         check_length("workspace", workspace.difference.len(), self.channels.used.len())?;
         check_length("workspace", workspace.coefficients.len(), self.rank)
     }
 
     /// `C dv`.
-    fn to_coefficients(&self, difference: &[f64], coefficients: &mut [f64]) {
+    pub(super) fn to_coefficients(&self, difference: &[f64], coefficients: &mut [f64]) {
         let (dv, c) = (ColRef::from_slice(difference), ColMut::from_slice_mut(coefficients));
         matmul(c, Accum::Replace, self.data_rows(), dv, 1.0, Par::Seq);
     }
 
     /// `B c`.
-    fn to_image(&self, coefficients: &[f64], image: &mut [f64]) {
+    pub(super) fn to_image(&self, coefficients: &[f64], image: &mut [f64]) {
         let (c, image) = (ColRef::from_slice(coefficients), ColMut::from_slice_mut(image));
         matmul(image, Accum::Replace, self.image_rows(), c, 1.0, Par::Seq);
     }
@@ -341,7 +263,7 @@ impl Reconstructor {
         MatRef::from_row_major_slice(&self.image_basis, self.image_len, self.rank)
     }
 
-    fn data_rows(&self) -> MatRef<'_, f64> {
+    pub(super) fn data_rows(&self) -> MatRef<'_, f64> {
         MatRef::from_row_major_slice(&self.data_basis, self.rank, self.channels.used.len())
     }
 

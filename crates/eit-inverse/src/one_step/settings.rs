@@ -3,11 +3,11 @@
 use crate::data::Channels;
 use crate::{DifferenceData, InverseError};
 
-/// Settings of [`Difference`](crate::Difference).
+/// Settings of [`OneStepGaussNewton`](crate::OneStepGaussNewton).
 #[derive(Debug, Clone, PartialEq)]
-pub struct DifferenceSettings {
+pub struct OneStepSettings {
     /// Hyperparameter lambda, dimensionless, entering as `lambda^2` (see
-    /// [`Difference`](crate::Difference)). Default 0.03.
+    /// [`OneStepGaussNewton`](crate::OneStepGaussNewton)). Default 0.03.
     pub hyperparameter: f64,
     /// Plain (default) or normalised difference.
     pub data: DifferenceData,
@@ -19,7 +19,7 @@ pub struct DifferenceSettings {
     ///
     /// The noise covariance `W^-1` is the diagonal of the squares. An image depends on the ratios
     /// alone, because the scale `s` contains the weights, which are therefore kept relative to the
-    /// largest value; that value is [`Report::noise_scale`](crate::Report::noise_scale).
+    /// largest value; that value is [`OneStepReport::noise_scale`](crate::OneStepReport::noise_scale).
     pub noise_std: Option<Vec<f64>>,
     /// Which measurements to use, `[measurement]`; `None`: all. An unused one is left out, not
     /// filled in: its row is removed from the problem, and its values in frames, reference,
@@ -27,13 +27,13 @@ pub struct DifferenceSettings {
     pub used: Option<Vec<bool>>,
 }
 
-impl Default for DifferenceSettings {
+impl Default for OneStepSettings {
     fn default() -> Self {
         Self { hyperparameter: 0.03, data: DifferenceData::Plain, noise_std: None, used: None }
     }
 }
 
-impl DifferenceSettings {
+impl OneStepSettings {
     /// The measurements that count, of a Jacobian of `count` rows.
     pub(crate) fn channels(&self, count: usize) -> Result<Channels, InverseError> {
         Channels::new(count, &self.data, self.noise_std.as_deref(), self.used.as_deref())

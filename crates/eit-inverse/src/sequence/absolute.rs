@@ -31,8 +31,8 @@ const SAME_ROW: f64 = 1e-6;
 /// ```
 ///
 /// Unknowns are elements; the images are `[frame, element]`, siemens (per square). `lambda`, `s`, `W`
-/// and `P = R^-1` are those of [`Difference`](crate::Difference), whose image is the first step from
-/// the reference to first order in `dv`.
+/// and `P = R^-1` are those of [`OneStepGaussNewton`](crate::OneStepGaussNewton), whose image is
+/// the first step from the reference to first order in `dv`.
 ///
 /// **Bounds.** `sigma(x)` maps all numbers into `lower..upper` by a logistic of the logarithm with
 /// slope 1 at the reference, so `lower <= sigma <= upper` holds exactly and no step leaves it. A
@@ -87,8 +87,8 @@ impl<'a> AbsoluteGaussNewton<'a> {
         prior: &'a dyn Prior,
         settings: AbsoluteSettings,
     ) -> Result<Self, InverseError> {
-        check_positive("hyperparameter", settings.difference.hyperparameter)?;
-        let channels = settings.difference.channels(model.protocol().measurements())?;
+        check_positive("hyperparameter", settings.one_step.hyperparameter)?;
+        let channels = settings.one_step.channels(model.protocol().measurements())?;
         let mut workspace = model.workspace()?;
         let mut solution = model.solve(reference_s, &mut workspace)?;
         let (reference_v, jacobian) = (solution.measurements().to_vec(), solution.jacobian());
@@ -99,7 +99,7 @@ impl<'a> AbsoluteGaussNewton<'a> {
             .map(|(element, &s)| Bounded::new(element, s, bounds_s))
             .collect();
         let scale = scale(&jacobian, prior, &channels)?;
-        let noise_variance = settings.difference.hyperparameter.powi(2) * scale;
+        let noise_variance = settings.one_step.hyperparameter.powi(2) * scale;
         check_positive("square of the hyperparameter times s", noise_variance)?;
         Ok(Self {
             model,

@@ -3,7 +3,9 @@
 use super::markov::{Belief, Markov, smooth};
 use super::modes::{Modes, whiten};
 use crate::check::check_length;
-use crate::{DifferenceSettings, Differences, ImageSequence, InverseError, Prior, SequenceSolver};
+use crate::{
+    DifferenceFrames, ImageSequence, InverseError, OneStepSettings, Prior, SequenceSolver,
+};
 use ndarray::ArrayRef2;
 
 /// Smallest ratio of process noise to initial variance: below, `phi^2 C + q I` loses `q` in the
@@ -18,21 +20,21 @@ const VARIANCES: std::ops::RangeInclusive<f64> = 1e-12..=1e12;
 #[derive(Debug, Clone, PartialEq)]
 pub struct KalmanSettings {
     /// Hyperparameter, data, noise and channels, as for a single frame.
-    pub difference: DifferenceSettings,
+    pub one_step: OneStepSettings,
     /// `q`: variance that the image gains from one frame to the next, as a part of the prior
     /// covariance `P`; dimensionless, per frame (per second divided by the frame rate in hertz).
     /// Default 0.1: in ten frames the image may become another one. At least 1e-12 of
     /// `initial_variance`.
     pub process_noise: f64,
     /// `p0`: variance of the first frame's image, as a part of `P`. Default 1: a first frame looks
-    /// as from [`Difference`](crate::Difference).
+    /// as from [`OneStepGaussNewton`](crate::OneStepGaussNewton).
     pub initial_variance: f64,
 }
 
 impl Default for KalmanSettings {
     fn default() -> Self {
-        let difference = DifferenceSettings::default();
-        Self { difference, process_noise: 0.1, initial_variance: 1.0 }
+        let one_step = OneStepSettings::default();
+        Self { one_step, process_noise: 0.1, initial_variance: 1.0 }
     }
 }
 
@@ -68,11 +70,11 @@ impl KalmanSettings {
 /// dsigma_1 ~ N(0, p0 P),   dsigma_t+1 = dsigma_t + N(0, q P),   dv_t = J dsigma_t + N(0, mu W^-1)
 /// ```
 ///
-/// with `J`, `W`, `P` and `mu = lambda^2 s` of [`Difference`](crate::Difference). Kalman filter and
-/// Rauch-Tung-Striebel smoother on the eigenvectors of `W^1/2 J P J' W^1/2`: `r` scalar filters, 10
-/// flops each a frame, beside the `2 r (m + n)` of the image. Masked channels cost as told at
-/// [`TimePrior`](crate::sequence::TimePrior); a frame without a good channel is interpolated.
-/// Images are `[frame, element]`, siemens (per square).
+/// with `J`, `W`, `P` and `mu = lambda^2 s` of [`OneStepGaussNewton`](crate::OneStepGaussNewton).
+/// Kalman filter and Rauch-Tung-Striebel smoother on the eigenvectors of `W^1/2 J P J' W^1/2`: `r`
+/// scalar filters, 10 flops each a frame, beside the `2 r (m + n)` of the image. Masked channels
+/// cost as told at [`TimePrior`](crate::sequence::TimePrior); a frame without a good channel is
+/// interpolated. Images are `[frame, element]`, siemens (per square).
 ///
 /// Source: Rauch, Tung, Striebel, *AIAA J.* 3 (1965), 1445-1450; Vauhkonen, Karjalainen, Kaipio,
 /// *IEEE Trans. Biomed. Eng.* 45 (1998), 486-493.
@@ -85,7 +87,7 @@ pub struct KalmanSmoother {
 impl KalmanSmoother {
     /// Set-up for a linearisation; `jacobian` is `[measurement, element]`, volts per siemens.
     ///
-    /// Costs what [`Difference::new`](crate::Difference::new) does.
+    /// Costs what [`OneStepGaussNewton::new`](crate::OneStepGaussNewton::new) does.
     ///
     /// # Errors
     /// As there; [`InverseError::OutOfRange`] for the variances.
@@ -95,7 +97,7 @@ impl KalmanSmoother {
         settings: &KalmanSettings,
     ) -> Result<Self, InverseError> {
         let process = settings.process()?;
-        Ok(Self { modes: Modes::new(jacobian, prior, &settings.difference)?, process })
+        Ok(Self { modes: Modes::new(jacobian, prior, &settings.one_step)?, process })
     }
 }
 
@@ -106,7 +108,7 @@ impl SequenceSolver for KalmanSmoother {
 
     fn reconstruct_sequence(
         &mut self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<ImageSequence, InverseError> {
         smooth(self.name(), &self.modes, &self.process, frames)
     }
@@ -117,7 +119,7 @@ impl SequenceSolver for KalmanSmoother {
 /// A frame costs `2 r (m + n)` flops and allocates nothing until a channel is first masked; from
 /// then on, until [`reset`](Self::reset), covariances are `r x r` and a frame costs
 /// `4 m r^2 + 5 r^3` flops more and allocates. Leave out a dead electrode by
-/// [`DifferenceSettings::used`] instead.
+/// [`OneStepSettings::used`] instead.
 #[derive(Debug, Clone)]
 pub struct KalmanFilter {
     modes: Modes,
@@ -140,7 +142,7 @@ impl KalmanFilter {
         settings: &KalmanSettings,
     ) -> Result<Self, InverseError> {
         let process = settings.process()?;
-        let modes = Modes::new(jacobian, prior, &settings.difference)?;
+        let modes = Modes::new(jacobian, prior, &settings.one_step)?;
         let (used, rank) = (modes.channels.used.len(), modes.rank());
         Ok(Self {
             belief: Belief::initial(&process, rank),

@@ -21,7 +21,7 @@
 //! Sayed, Hassibi, *Linear Estimation* (2000), chapter 12.
 
 use super::modes::Modes;
-use crate::{Differences, ImageSequence, InverseError, SequenceReport, SequenceStatus};
+use crate::{DifferenceFrames, ImageSequence, InverseError, SequenceReport, SequenceStatus};
 use faer::linalg::solvers::{Llt, SolveLstsq};
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::prelude::Solve;
@@ -183,7 +183,7 @@ pub(super) fn smooth(
     method: &'static str,
     modes: &Modes,
     process: &Markov,
-    frames: &Differences<'_>,
+    frames: &DifferenceFrames<'_>,
 ) -> Result<ImageSequence, InverseError> {
     let start = Instant::now();
     let (whitened, masked) = modes.whiten_all(frames)?;

@@ -7,16 +7,16 @@
 //! E[dsigma | a] = P J' W^1/2 U D^-1/2 a = B D^-1/2 a
 //! ```
 //!
-//! with `mu = lambda^2 s`, see [`Difference`](crate::Difference). A covariance of the sequence `K
-//! (x) P` keeps this form with `K` between the frames of every amplitude; what the measurements do
-//! not see of an image is independent of the amplitudes and stays zero. Source: Adler, Dai,
-//! Lionheart, *Physiol. Meas.* 28 (2007), S1-S11, whose `K (x) P` this is.
+//! with `mu = lambda^2 s`, see [`OneStepGaussNewton`](crate::OneStepGaussNewton). A covariance of
+//! the sequence `K (x) P` keeps this form with `K` between the frames of every amplitude; what the
+//! measurements do not see of an image is independent of the amplitudes and stays zero. Source:
+//! Adler, Dai, Lionheart, *Physiol. Meas.* 28 (2007), S1-S11, whose `K (x) P` this is.
 
 use crate::check::check_positive;
 use crate::data::Channels;
 use crate::one_step::Spectrum;
 use crate::one_step::{covariance_times, weighted_rows};
-use crate::{DifferenceSettings, Differences, InverseError, Prior};
+use crate::{DifferenceFrames, InverseError, OneStepSettings, Prior};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};
 use ndarray::{Array2, ArrayRef2};
@@ -40,7 +40,7 @@ impl Modes {
     pub(super) fn new(
         jacobian: &ArrayRef2<f64>,
         prior: &dyn Prior,
-        settings: &DifferenceSettings,
+        settings: &OneStepSettings,
     ) -> Result<Self, InverseError> {
         let (measurements, elements) = jacobian.dim();
         if measurements == 0 || elements == 0 {
@@ -77,7 +77,7 @@ impl Modes {
     /// frame.
     pub(super) fn whiten_all(
         &self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<(Mat<f64>, Vec<Vec<usize>>), InverseError> {
         frames.check_shape(self.channels.count)?;
         let count = frames.values.nrows();

@@ -1,7 +1,7 @@
 //! One-step Gauss-Newton, frame by frame.
 
 use crate::{
-    Difference, Differences, FrameStatus, ImageSequence, InverseError, SequenceReport,
+    DifferenceFrames, FrameStatus, ImageSequence, InverseError, OneStepGaussNewton, SequenceReport,
     SequenceSolver, SequenceStatus, Workspace,
 };
 use faer::Col;
@@ -14,30 +14,30 @@ struct Scratch {
     /// Difference data of the used measurements.
     difference: Vec<f64>,
     /// Masked measurements of the protocol.
-    bad: Vec<usize>,
+    masked: Vec<usize>,
 }
 
-impl Difference {
+impl OneStepGaussNewton {
     /// The image of a frame; returns `|W^1/2 (J dsigma - dv)|` over good channels.
     fn frame(
         &self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
         t: usize,
         scratch: &mut Scratch,
         image: &mut [f64],
     ) -> Result<f64, InverseError> {
-        let Scratch { workspace, difference, bad } = scratch;
+        let Scratch { workspace, difference, masked } = scratch;
         let (row, map) = (frames.values.row(t), self.reconstructor());
         let channels = &map.channels;
-        bad.clear();
-        bad.extend(channels.used.iter().filter(|&&i| !frames.is_good(t, i)));
-        if bad.len() == channels.used.len() {
+        masked.clear();
+        masked.extend(channels.used.iter().filter(|&&i| !frames.is_good(t, i)));
+        if masked.len() == channels.used.len() {
             image.fill(0.0);
             return Ok(0.0);
         }
         difference.clear();
         difference.extend(channels.used.iter().map(|&i| row[i]));
-        let result = map.reconstruct_difference_without_into(difference, bad, workspace, image);
+        let result = map.reconstruct_masked_difference_into(difference, masked, workspace, image);
         // the reconstruction of one frame knows no other
         let status = result.map_err(|error| match error {
             InverseError::NonFiniteData { measurement, value, .. } => {
@@ -55,30 +55,30 @@ impl Difference {
     }
 }
 
-/// [`Difference`] on every frame of a sequence, none knowing of the others.
+/// [`OneStepGaussNewton`] on every frame of a sequence, none knowing of the others.
 ///
 /// Images are `[frame, element]`, siemens (per square). Channels that are masked in a frame are left
-/// out of it exactly ([`Reconstructor::reconstruct_without_into`]); a frame without a good channel
+/// out of it exactly ([`Reconstructor::reconstruct_masked_into`]); a frame without a good channel
 /// gets the image zero, which is the prior's. `2 r (m + n)` flops a frame, and `2 m r` for the
 /// residual, which the eigen-expansion gives without the Jacobian.
 ///
-/// [`Reconstructor::reconstruct_without_into`]: crate::Reconstructor::reconstruct_without_into
-impl SequenceSolver for Difference {
+/// [`Reconstructor::reconstruct_masked_into`]: crate::Reconstructor::reconstruct_masked_into
+impl SequenceSolver for OneStepGaussNewton {
     fn name(&self) -> &'static str {
         "one-step"
     }
 
     /// # Errors
-    /// Besides those of the trait, [`InverseError::LeftOutDominates`] where lambda is too small to
+    /// Besides those of the trait, [`InverseError::MaskedDominates`] where lambda is too small to
     /// leave the masked channels out.
     fn reconstruct_sequence(
         &mut self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<ImageSequence, InverseError> {
         let start = Instant::now();
         frames.check_shape(self.reconstructor().measurements())?;
         let workspace = self.workspace();
-        let mut scratch = Scratch { workspace, difference: Vec::new(), bad: Vec::new() };
+        let mut scratch = Scratch { workspace, difference: Vec::new(), masked: Vec::new() };
         let mut images = Array2::zeros((frames.values.nrows(), self.report().elements));
         let mut residual = Vec::with_capacity(images.nrows());
         for (t, mut image) in images.rows_mut().into_iter().enumerate() {

@@ -6,7 +6,7 @@ use ndarray::{Array2, ArrayView2};
 
 /// Difference data of a sequence of frames, with the channels of each frame that count.
 #[derive(Debug, Clone, Copy)]
-pub struct Differences<'a> {
+pub struct DifferenceFrames<'a> {
     /// `dv = v - v_ref`, `[frame, measurement]`, in the unit of the Jacobian's rows. Values of
     /// masked channels are never looked at and may be NaN.
     pub values: ArrayView2<'a, f64>,
@@ -14,7 +14,7 @@ pub struct Differences<'a> {
     pub good: Option<ArrayView2<'a, bool>>,
 }
 
-impl<'a> Differences<'a> {
+impl<'a> DifferenceFrames<'a> {
     /// Frames without masked channels.
     pub fn all_good(values: ArrayView2<'a, f64>) -> Self {
         Self { values, good: None }
@@ -149,7 +149,7 @@ pub trait SequenceSolver {
     /// Wrong shapes, a value of a good channel that is not finite.
     fn reconstruct_sequence(
         &mut self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<ImageSequence, InverseError>;
 }
 

@@ -2,14 +2,16 @@
 
 use super::markov::{Markov, smooth};
 use super::modes::Modes;
-use crate::{DifferenceSettings, Differences, ImageSequence, InverseError, Prior, SequenceSolver};
+use crate::{
+    DifferenceFrames, ImageSequence, InverseError, OneStepSettings, Prior, SequenceSolver,
+};
 use ndarray::ArrayRef2;
 
 /// Settings of [`TimePrior`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TimePriorSettings {
     /// Hyperparameter, data, noise and channels, as for a single frame.
-    pub difference: DifferenceSettings,
+    pub one_step: OneStepSettings,
     /// Frames after which images are correlated by `1 / e` only (a time in seconds times the frame
     /// rate in hertz), at most 1e6; 0: frames are independent. Default 2, a touch that lasts a few
     /// frames.
@@ -18,7 +20,7 @@ pub struct TimePriorSettings {
 
 impl Default for TimePriorSettings {
     fn default() -> Self {
-        Self { difference: DifferenceSettings::default(), correlation_frames: 2.0 }
+        Self { one_step: OneStepSettings::default(), correlation_frames: 2.0 }
     }
 }
 
@@ -29,8 +31,9 @@ impl Default for TimePriorSettings {
 /// K_ts = gamma^|t - s|,   gamma = exp(-1 / correlation_frames)
 /// ```
 ///
-/// with `J`, `W`, `P`, `lambda` and `s` of [`Difference`](crate::Difference), whose images these are
-/// for `correlation_frames = 0`. Images are `[frame, element]`, siemens (per square).
+/// with `J`, `W`, `P`, `lambda` and `s` of [`OneStepGaussNewton`](crate::OneStepGaussNewton), whose
+/// images these are for `correlation_frames = 0`. Images are `[frame, element]`, siemens (per
+/// square).
 ///
 /// Solved exactly. The eigenvectors of `W^1/2 J P J' W^1/2` (set-up) part the problem into `r`
 /// scalar ones with covariance `K`; that is the stationary process `a_t+1 = gamma a_t + noise` of
@@ -53,7 +56,7 @@ pub struct TimePrior {
 impl TimePrior {
     /// Set-up for a linearisation; `jacobian` is `[measurement, element]`, volts per siemens.
     ///
-    /// Costs what [`Difference::new`](crate::Difference::new) does.
+    /// Costs what [`OneStepGaussNewton::new`](crate::OneStepGaussNewton::new) does.
     ///
     /// # Errors
     /// As there; [`InverseError::OutOfRange`] for the correlation.
@@ -75,7 +78,7 @@ impl TimePrior {
             process_noise: -(-2.0 / frames).exp_m1(),
             initial_variance: 1.0,
         };
-        Ok(Self { modes: Modes::new(jacobian, prior, &settings.difference)?, process })
+        Ok(Self { modes: Modes::new(jacobian, prior, &settings.one_step)?, process })
     }
 }
 
@@ -86,7 +89,7 @@ impl SequenceSolver for TimePrior {
 
     fn reconstruct_sequence(
         &mut self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<ImageSequence, InverseError> {
         smooth(self.name(), &self.modes, &self.process, frames)
     }

@@ -8,7 +8,7 @@ use super::problem::Parts;
 use super::settings::{Fidelity, StTvSettings, Stop};
 use crate::check::check_length;
 use crate::data::Channels;
-use crate::{DifferenceData, Differences, InverseError};
+use crate::{DifferenceData, DifferenceFrames, InverseError};
 use ndarray::ArrayRef2;
 use pulp::Arch;
 
@@ -100,7 +100,7 @@ impl StTv {
     }
 
     /// Channels of a frame that count.
-    pub(crate) fn good_channels(&self, frames: &Differences<'_>, frame: usize) -> usize {
+    pub(crate) fn good_channels(&self, frames: &DifferenceFrames<'_>, frame: usize) -> usize {
         let used = self.compression.root_weights.iter().enumerate();
         used.filter(|&(i, w)| *w > 0.0 && frames.is_good(frame, i)).count()
     }

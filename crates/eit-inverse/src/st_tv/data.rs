@@ -22,7 +22,7 @@ pub(crate) use mode::{Mode, ModeScratch};
 pub(crate) use target::Target;
 
 use crate::check::check_length;
-use crate::{Differences, InverseError};
+use crate::{DifferenceFrames, InverseError};
 
 /// Modes and targets of a whole sequence.
 pub(crate) struct SequenceData {
@@ -36,7 +36,7 @@ pub(crate) struct SequenceData {
 impl SequenceData {
     pub(crate) fn new(
         compression: &Compression,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<Self, InverseError> {
         check_length("columns of differences", frames.values.ncols(), compression.measurements)?;
         let rank = compression.rank();

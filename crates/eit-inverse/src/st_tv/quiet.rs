@@ -1,7 +1,7 @@
 //! Frames that hold nothing but noise.
 
 use super::StTv;
-use crate::{Differences, InverseError};
+use crate::{DifferenceFrames, InverseError};
 
 impl StTv {
     /// Which frames do not differ from the reference beyond noise: those whose squared whitened
@@ -10,7 +10,7 @@ impl StTv {
     ///
     /// # Errors
     /// As [`StTv::solve`].
-    pub fn quiet_frames(&self, frames: &Differences<'_>) -> Result<Vec<bool>, InverseError> {
+    pub fn quiet_frames(&self, frames: &DifferenceFrames<'_>) -> Result<Vec<bool>, InverseError> {
         frames.check(self.measurements())?;
         let noise = self.settings.noise_std.is_some();
         let quiet = |frame: usize| {

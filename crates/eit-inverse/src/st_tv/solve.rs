@@ -5,7 +5,7 @@ use super::run::Run;
 use super::settings::{Stop, Weights};
 use super::task::Task;
 use crate::check::check_positive;
-use crate::{Differences, ImageSequence, InverseError, SequenceSolver};
+use crate::{DifferenceFrames, ImageSequence, InverseError, SequenceSolver};
 use std::time::Instant;
 
 /// Gap below which rounding of `f32` shows.
@@ -22,7 +22,7 @@ impl StTv {
     /// image can reach, a target gap that is not positive.
     pub fn solve(
         &self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
         stop: &Stop,
     ) -> Result<ImageSequence, InverseError> {
         self.solve_with(self.settings.weights(), frames, stop)
@@ -32,7 +32,7 @@ impl StTv {
     pub(crate) fn solve_with(
         &self,
         weights: Weights,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
         stop: &Stop,
     ) -> Result<ImageSequence, InverseError> {
         let start = Instant::now();
@@ -61,7 +61,7 @@ impl SequenceSolver for StTv {
 
     fn reconstruct_sequence(
         &mut self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<ImageSequence, InverseError> {
         self.solve(frames, &self.stop)
     }

@@ -5,7 +5,7 @@ use super::data::SequenceData;
 use super::problem::{DataTerm, Problem};
 use super::settings::{Fidelity, Weights};
 use crate::{
-    Certificate, Differences, ImageSequence, InverseError, SequenceReport, SequenceStatus,
+    Certificate, DifferenceFrames, ImageSequence, InverseError, SequenceReport, SequenceStatus,
     TracePoint,
 };
 use ndarray::Array2;
@@ -32,7 +32,7 @@ impl<'a> Task<'a> {
     pub(crate) fn new(
         solver: &'a StTv,
         weights: Weights,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<Self, InverseError> {
         let Weights { lambda_space, lambda_time, fidelity } = weights;
         let mut data = SequenceData::new(&solver.compression, frames)?;

@@ -4,7 +4,7 @@ use super::kernel::LANES;
 use super::settings::Weights;
 use super::{Fidelity, StTv, Stop};
 use crate::check::check_positive;
-use crate::{Differences, InverseError};
+use crate::{DifferenceFrames, InverseError};
 use ndarray::Axis;
 use std::time::Instant;
 
@@ -89,7 +89,7 @@ impl StTv {
     /// is not positive.
     pub fn choose_weights(
         &mut self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
         length_m: f64,
     ) -> Result<ChosenWeights, InverseError> {
         let start = Instant::now();
@@ -102,7 +102,7 @@ impl StTv {
         let sample = self.sample(frames);
         let values = frames.values.slice_axis(Axis(0), sample.clone().into());
         let good = frames.good.as_ref().map(|good| good.slice_axis(Axis(0), sample.into()));
-        let sample = Differences { values, good };
+        let sample = DifferenceFrames { values, good };
         let linked = self.settings.lambda_time > 0.0;
         let ratio = if linked { 1.0 / length_m } else { 0.0 };
         let mut trial = Trial { solver: self, sample, ratio, curve: Vec::new() };
@@ -122,7 +122,7 @@ impl StTv {
     }
 
     /// The consecutive frames with the most signal.
-    fn sample(&self, frames: &Differences<'_>) -> std::ops::Range<usize> {
+    fn sample(&self, frames: &DifferenceFrames<'_>) -> std::ops::Range<usize> {
         let count = frames.values.nrows();
         let power = |frame: usize| -> f64 {
             let weights = self.compression.root_weights.iter().enumerate();
@@ -176,7 +176,7 @@ impl StTv {
 /// The search for the weight.
 struct Trial<'a> {
     solver: &'a StTv,
-    sample: Differences<'a>,
+    sample: DifferenceFrames<'a>,
     ratio: f64,
     curve: Vec<WeightPoint>,
 }

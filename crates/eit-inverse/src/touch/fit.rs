@@ -15,7 +15,7 @@ mod solve;
 
 use super::bell::Bell;
 use crate::check::check_positive;
-use crate::{DifferenceSettings, InverseError};
+use crate::{InverseError, OneStepSettings};
 use eit_fem::ForwardModel;
 use eit_mesh::Surface;
 use ndarray::Array2;
@@ -27,7 +27,7 @@ pub(super) use solve::in_space;
 pub struct FitSettings {
     /// Plain or normalised difference, the noise of each (which must be given, with the reference
     /// frame's share), which measurements count. The hyperparameter is not read.
-    pub data: DifferenceSettings,
+    pub data: OneStepSettings,
     /// Whether radii are fitted, too; otherwise they stay as they start. Default true. Radius and
     /// amplitude of a touch that is small beside its distance to the electrodes are nearly one
     /// number; its position hardly minds.
@@ -48,7 +48,7 @@ impl FitSettings {
     /// Defaults with the noise of each difference, `[measurement]`, volts.
     pub fn with_noise(noise_std: Vec<f64>) -> Self {
         Self {
-            data: DifferenceSettings { noise_std: Some(noise_std), ..Default::default() },
+            data: OneStepSettings { noise_std: Some(noise_std), ..Default::default() },
             fit_radius: true,
             radius_range_m: [2e-3, 0.1],
             max_iterations: 30,

@@ -109,7 +109,7 @@ impl NoiseFloor {
     ///
     /// `noise_std` is that of the difference data, `[measurement]`, in its unit (volts, or 1 for
     /// normalised data), with the reference frame's share, as in
-    /// [`DifferenceSettings::noise_std`](crate::DifferenceSettings::noise_std). Noise is taken to
+    /// [`OneStepSettings::noise_std`](crate::OneStepSettings::noise_std). Noise is taken to
     /// be normal, independent between measurements and between frames.
     ///
     /// # Errors

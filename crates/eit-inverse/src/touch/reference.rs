@@ -36,7 +36,7 @@ pub enum ReferenceState {
     /// It stands still: the tracker reports a touch, or did a moment ago.
     Touched,
     /// It stands still: the frame differs from it by more than noise.
-    Unquiet,
+    Disturbed,
     /// It was set to the frame by command.
     Zeroed,
 }
@@ -200,17 +200,17 @@ impl AdaptiveReference {
         let mut chi_square = self.reduced_chi_square(frame, 1.0);
         let spread = (2.0 / frame.len() as f64).sqrt();
         let limit = 1.0 + ABOVE * spread;
-        let mut unquiet = chi_square > limit;
-        if unquiet && !touched && self.settings.common_mode {
+        let mut disturbed = chi_square > limit;
+        if disturbed && !touched && self.settings.common_mode {
             // a drift whose slope is not known yet lags; what all channels share is no touch
             let factor = 1.0 + self.common.median_of_all(frame, &self.reference_v);
-            unquiet = self.reduced_chi_square(frame, factor) > limit;
+            disturbed = self.reduced_chi_square(frame, factor) > limit;
         }
-        if touched || unquiet {
+        if touched || disturbed {
             self.quiet_s = 0.0;
         }
-        let state = match (touched || self.quiet_s < self.settings.release_s, unquiet) {
-            (_, true) if !touched => ReferenceState::Unquiet,
+        let state = match (touched || self.quiet_s < self.settings.release_s, disturbed) {
+            (_, true) if !touched => ReferenceState::Disturbed,
             (true, _) => ReferenceState::Touched,
             _ => ReferenceState::Following,
         };

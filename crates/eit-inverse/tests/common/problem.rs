@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
 use eit_inverse::{
-    Differences, Fidelity, Gradient, ImageSequence, InverseError, SequenceStatus, StTv,
+    DifferenceFrames, Fidelity, Gradient, ImageSequence, InverseError, SequenceStatus, StTv,
     StTvSettings, Stop,
 };
 use ndarray::{Array1, Array2};
@@ -44,9 +44,9 @@ impl Problem {
         self
     }
 
-    pub fn differences(&self) -> Differences<'_> {
+    pub fn differences(&self) -> DifferenceFrames<'_> {
         let good = self.good.as_ref().map(|good| good.view());
-        Differences { values: self.values.view(), good }
+        DifferenceFrames { values: self.values.view(), good }
     }
 
     pub fn solver(&self) -> Result<StTv, InverseError> {

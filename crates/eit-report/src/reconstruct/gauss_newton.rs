@@ -2,7 +2,7 @@
 
 use super::{Made, Task, kind_words};
 use crate::error::ReportError;
-use eit_inverse::{CurvePoint, Differences, HyperparameterStatus, SequenceReport};
+use eit_inverse::{CurvePoint, DifferenceFrames, HyperparameterStatus, SequenceReport};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
 use eit_skin::method::Method;
 use eit_skin::one_step::Imaging;
@@ -102,7 +102,7 @@ fn images(
         return Err(ReportError::Failure(format!("{} works on pixels", task.method.name())));
     };
     let values = frames.differences(imaging.kind);
-    let differences = Differences { values: values.view(), good: Some(frames.good.view()) };
+    let differences = DifferenceFrames { values: values.view(), good: Some(frames.good.view()) };
     let movie = progress.stage("images", || method.reconstruct_sequence(&differences))?;
     let pixels = sequence::pixels_of(movie.images.view(), &imaging.raster)?;
     let images = imaging.raster.images_from_pixels(pixels.view())?;

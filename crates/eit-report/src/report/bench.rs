@@ -2,7 +2,7 @@
 
 use crate::error::ReportError;
 use eit_inverse::metrics::Cells;
-use eit_inverse::{Differences, Prior, SequenceReport, SequenceSolver, StTv, Stop};
+use eit_inverse::{DifferenceFrames, Prior, SequenceReport, SequenceSolver, StTv, Stop};
 use eit_mesh::Raster;
 use eit_skin::frames::{Frames, ModelFit};
 use eit_skin::method::Method;
@@ -176,7 +176,7 @@ impl<'a> Entry<'a> {
         let mut solver = total_variation::solver(&jacobian, raster, method, keys, noise_std, used)?;
         let set_up_s = start.elapsed().as_secs_f64();
         let start = Instant::now();
-        let differences = Differences::all_good(values.view());
+        let differences = DifferenceFrames::all_good(values.view());
         let length_m = total_variation::time_length_m(raster);
         let weights = total_variation::chosen_weights(&mut solver, &differences, length_m)?;
         let choice = format!("lambda_space {:.2e}, {}", weights.lambda_space, weights.rule);
@@ -210,7 +210,7 @@ impl<'a> Entry<'a> {
     /// Reconstructs; `stop` counts for total variation.
     pub fn run(
         &mut self,
-        differences: &Differences<'_>,
+        differences: &DifferenceFrames<'_>,
         stop: &Stop,
     ) -> Result<Sequence, ReportError> {
         Ok(match &mut self.runner {

@@ -8,7 +8,7 @@ use crate::Answer;
 use crate::error::ReportError;
 use crate::output::{OutFolder, io};
 use crate::simulate::{FAST_M, Finger, FingerShape, MovieSettings, SLOW_M, TouchMovie};
-use eit_inverse::{Differences, Stop};
+use eit_inverse::{DifferenceFrames, Stop};
 use eit_skin::scene::Rule;
 use eit_skin::{Progress, Skin};
 use serde_json::json;
@@ -164,7 +164,7 @@ fn movie_rows(
         let noise_std_v = voltages.noise_std_v(noise_db);
         let frames = voltages.with_noise(noise_std_v, settings.noise_seed)?;
         let values = frames.differences(bench.kind());
-        let differences = Differences::all_good(values.view());
+        let differences = DifferenceFrames::all_good(values.view());
         for (entrant, &competitor) in ENTRANTS[..METHODS].iter().enumerate() {
             let rules = if competitor.method.is_tv() { &RULES[..1] } else { &RULES };
             let mut best: Option<(Scores, f64, String)> = None;

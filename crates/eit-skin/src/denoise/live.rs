@@ -4,7 +4,7 @@ use super::{Net, check};
 use crate::error::SkinError;
 use crate::linearised::FittedFrames;
 use crate::progress::Progress;
-use eit_denoise::{DenoiseError, Denoiser, DataConsistency};
+use eit_denoise::{DataConsistency, DenoiseError, Denoiser};
 use eit_mesh::Raster;
 use ndarray::Array2;
 

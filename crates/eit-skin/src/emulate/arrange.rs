@@ -7,7 +7,7 @@ use std::collections::{HashMap, VecDeque};
 /// What is measured under a drive: index, electrodes, and the sign for the drive in order.
 type Known = Vec<(usize, [u32; 2], f64)>;
 
-/// Differences of potentials that follow from those that were measured, under each drive. The
+/// DifferenceFrames of potentials that follow from those that were measured, under each drive. The
 /// potential of a driven electrode of which nothing was measured is set beyond all others, as it is
 /// on a real skin: above where current enters, below where it leaves.
 pub fn arranged(

@@ -24,7 +24,7 @@ pub struct LiveImages {
     window: Option<StTvStream>,
     net: Option<LiveNet>,
     raster: Raster,
-    /// Differences of the frame at hand; NaN where a value is not used.
+    /// DifferenceFrames of the frame at hand; NaN where a value is not used.
     differences: Vec<f64>,
     good: Vec<bool>,
     used: Vec<bool>,

@@ -79,9 +79,7 @@ impl Skin {
     /// As [`Skin::open`].
     #[cfg(feature = "hw")]
     pub fn open_at(&self, port: Option<&str>) -> Result<Sensor, SkinError> {
-        let instrument = self.instrument.as_ref().ok_or_else(|| {
-            SkinError::input("has no [instrument]: nothing to open").within(&self.place)
-        })?;
+        let instrument = &self.instrument()?;
         let overflow = eit_hw::driver::Overflow::KeepLatest;
         let session = crate::connect::open(instrument, port, overflow)?;
         self.sensor_of(Box::new(session), true)

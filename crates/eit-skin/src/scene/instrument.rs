@@ -2,6 +2,7 @@
 
 use super::Scene;
 use crate::error::SkinError;
+use crate::skin::Skin;
 use eit_fem::Protocol;
 use eit_hw::codec::text::TextFormat;
 use eit_hw::driver::{
@@ -93,8 +94,15 @@ impl Scene {
     }
 
     /// The same for a protocol that is there already.
-    pub(crate) fn instrument_of(&self, protocol: &Protocol) -> Result<Instrument, SkinError> {
-        self.instrument_inner(protocol).map_err(|e| e.within(&self.place))
+    fn instrument_of(&self, protocol: &Protocol) -> Result<Instrument, SkinError> {
+        self.instrument_settings()
+            .and_then(|settings| settings.build(protocol, self.current_a(), &self.place))
+            .map_err(|e| e.within(&self.place))
+    }
+
+    /// Amplitude of the drive current, ampere.
+    pub(crate) fn current_a(&self) -> f64 {
+        self.protocol.current_a.unwrap_or(super::protocol::DEFAULT_CURRENT_A)
     }
 
     fn instrument_settings(&self) -> Result<&InstrumentSettings, SkinError> {
@@ -105,9 +113,32 @@ impl Scene {
             )
         })
     }
+}
 
-    fn instrument_inner(&self, protocol: &Protocol) -> Result<Instrument, SkinError> {
-        let keys = self.instrument_settings()?;
+impl Skin {
+    /// The instrument that the scene names, for this skin's protocol.
+    ///
+    /// # Errors
+    ///
+    /// No `[instrument]`, or settings that its driver does not have.
+    pub fn instrument(&self) -> Result<Instrument, SkinError> {
+        let settings = self.instrument.as_ref().ok_or_else(|| {
+            SkinError::input("has no [instrument]: nothing to open").within(&self.place)
+        })?;
+        let built = settings.build(&self.protocol, self.current_a, &self.place);
+        built.map_err(|e| e.within(&self.place))
+    }
+}
+
+impl InstrumentSettings {
+    /// The instrument for a protocol, checked.
+    fn build(
+        &self,
+        protocol: &Protocol,
+        current_a: f64,
+        place: &str,
+    ) -> Result<Instrument, SkinError> {
+        let keys = self;
         let electrodes = protocol.electrodes();
         let quadruples = protocol.quadruples().map(<[_]>::to_vec).ok_or_else(|| {
             SkinError::input(
@@ -115,7 +146,6 @@ impl Scene {
                  `pairs` or `quadruples_file`",
             )
         })?;
-        let current_a = self.protocol.current_a.unwrap_or(super::protocol::DEFAULT_CURRENT_A);
         let frame_rate_hz = keys.frame_rate_hz.unwrap_or(DEFAULT_RATE_HZ);
         let kind = keys.kind(electrodes, &quadruples, current_a, frame_rate_hz)?;
         keys.check_company(&kind)?;
@@ -134,15 +164,13 @@ impl Scene {
             port: keys.port.clone(),
             baud: keys.baud.unwrap_or(baud),
             dtr: keys.dtr,
-            place: self.place.clone(),
+            place: place.to_owned(),
         };
         // settings that cannot be are found before a port is opened
         instrument.driver()?;
         Ok(instrument)
     }
-}
 
-impl InstrumentSettings {
     fn kind(
         &self,
         electrodes: usize,

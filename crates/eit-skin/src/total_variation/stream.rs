@@ -13,7 +13,7 @@ use crate::noise::DataNoise;
 use crate::progress::Progress;
 use crate::scene::Delta;
 use crate::synthetic_touch::{self, Places};
-use eit_inverse::{Differences, Fidelity, StTvStream, StreamSettings};
+use eit_inverse::{DifferenceFrames, Fidelity, StTvStream, StreamSettings};
 use ndarray::Array2;
 
 /// Frames of the window.
@@ -77,7 +77,7 @@ fn stream(
     let with = |noise: &DataNoise| {
         solver(&jacobian, raster, method, keys, Some(noise.std.clone()), &frames.used)
     };
-    let differences = Differences { values: expected.view(), good: Some(good.view()) };
+    let differences = DifferenceFrames { values: expected.view(), good: Some(good.view()) };
     let mut trial = with(&raised)?;
     let mut weights = weights(&mut trial, keys, &differences, time_length_m(raster), used)?;
     // the window weighs by the noise alone, which tells a quiet skin from a faint touch

@@ -133,7 +133,7 @@ impl Shared {
         symmetry.matrix(count, first, clockwise)
     }
 
-    /// Differences of frames from their reference, and their noise; `None` where that is unknown.
+    /// DifferenceFrames of frames from their reference, and their noise; `None` where that is unknown.
     pub fn data(&self, made: &Chained) -> Result<Option<ShardData>, SkinError> {
         let fitted = &made.fitted;
         let frames = &fitted.frames;

@@ -26,8 +26,9 @@ pub struct CurvePoint {
     pub hyperparameter: f64,
     /// `|dv - J dsigma|_W`, root of the sum over frames, in the unit of `dv`: the weights are
     /// relative to the largest `noise_std`. Divided by
-    /// [`Report::noise_scale`](crate::Report::noise_scale) it counts standard deviations: where
-    /// `noise_std` is right, noise alone gives the square the mean `frames * measurements_used`.
+    /// [`OneStepReport::noise_scale`](crate::OneStepReport::noise_scale) it counts standard
+    /// deviations: where `noise_std` is right, noise alone gives the square the mean `frames *
+    /// measurements_used`.
     pub residual_norm: f64,
     /// `|dsigma|_R`, root of the sum over frames, siemens times the unit of the root of `R`.
     pub solution_norm: f64,
@@ -38,7 +39,7 @@ pub struct CurvePoint {
 /// A chosen hyperparameter.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
-pub struct Chosen {
+pub struct ChosenHyperparameter {
     /// Lambda.
     pub hyperparameter: f64,
     /// How the choice ended.

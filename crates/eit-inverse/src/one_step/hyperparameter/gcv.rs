@@ -1,11 +1,11 @@
 //! Generalised cross-validation.
 
-use super::chosen::Chosen;
+use super::chosen::ChosenHyperparameter;
 use super::curve::curve;
 use super::search::minimise;
 use crate::one_step::spectrum::{Decomposition, Spectrum};
 
-pub(super) fn choose(spectrum: &Spectrum, data: &Decomposition) -> Chosen {
+pub(super) fn choose(spectrum: &Spectrum, data: &Decomposition) -> ChosenHyperparameter {
     let criterion = |hyperparameter: f64| function(spectrum, data, hyperparameter);
     minimise(curve(spectrum, data, criterion), criterion)
 }

@@ -1,11 +1,11 @@
 //! L-curve.
 
-use super::chosen::Chosen;
+use super::chosen::ChosenHyperparameter;
 use super::curve::curve;
 use super::search::minimise;
 use crate::one_step::spectrum::{Decomposition, Spectrum};
 
-pub(super) fn choose(spectrum: &Spectrum, data: &Decomposition) -> Chosen {
+pub(super) fn choose(spectrum: &Spectrum, data: &Decomposition) -> ChosenHyperparameter {
     let curve = curve(spectrum, data, |h| -curvature(spectrum, data, h));
     let mut chosen = minimise(curve, |h| -curvature(spectrum, data, h));
     chosen.criterion = -chosen.criterion;

@@ -1,6 +1,6 @@
 //! Noise figure.
 
-use super::chosen::{Chosen, CurvePoint, HyperparameterStatus};
+use super::chosen::{ChosenHyperparameter, CurvePoint, HyperparameterStatus};
 use super::curve::curve;
 use crate::check::{check_length, check_positive};
 use crate::geometry::{distance_m, extent_m};
@@ -68,7 +68,7 @@ pub(super) fn choose(
     spectrum: &Spectrum,
     figure: f64,
     target: &NoiseTarget,
-) -> Result<Chosen, InverseError> {
+) -> Result<ChosenHyperparameter, InverseError> {
     check_positive("noise figure", figure)?;
     let figure_of = NoiseFigure::new(reconstructor, spectrum, target)?;
     let data = spectrum.decompose(figure_of.signal.as_mat());
@@ -91,7 +91,12 @@ pub(super) fn choose(
             (nearest, HyperparameterStatus::NoiseFigureUnreachable)
         }
     };
-    Ok(Chosen { hyperparameter, status, criterion: figure_of.at(hyperparameter), curve })
+    Ok(ChosenHyperparameter {
+        hyperparameter,
+        status,
+        criterion: figure_of.at(hyperparameter),
+        curve,
+    })
 }
 
 /// The noise figure as a function of lambda.

@@ -1,6 +1,6 @@
 //! Searches over log lambda.
 
-use super::chosen::{Chosen, CurvePoint, HyperparameterStatus};
+use super::chosen::{ChosenHyperparameter, CurvePoint, HyperparameterStatus};
 
 /// Points per decade of lambda: the filters change over a decade, so no feature is narrower than
 /// a few points.
@@ -18,7 +18,10 @@ pub(super) fn logarithmic_grid(range: [f64; 2]) -> Vec<f64> {
 
 /// Minimum of `criterion` from the smallest point of its curve, refined by golden section between
 /// that point's neighbours.
-pub(super) fn minimise(curve: Vec<CurvePoint>, criterion: impl Fn(f64) -> f64) -> Chosen {
+pub(super) fn minimise(
+    curve: Vec<CurvePoint>,
+    criterion: impl Fn(f64) -> f64,
+) -> ChosenHyperparameter {
     let best = (0..curve.len())
         .min_by(|&a, &b| curve[a].criterion.total_cmp(&curve[b].criterion))
         .unwrap_or(0);
@@ -31,7 +34,7 @@ pub(super) fn minimise(curve: Vec<CurvePoint>, criterion: impl Fn(f64) -> f64) -
         let bracket = [curve[best - 1].hyperparameter, curve[best + 1].hyperparameter];
         (golden_section(bracket, &criterion), HyperparameterStatus::Interior)
     };
-    Chosen { hyperparameter, status, criterion: criterion(hyperparameter), curve }
+    ChosenHyperparameter { hyperparameter, status, criterion: criterion(hyperparameter), curve }
 }
 
 /// Golden section search of a minimum in log lambda.

@@ -1,13 +1,13 @@
 //! Settings and reports of the iterated reconstruction.
 
-use crate::{DifferenceSettings, InverseError, SequenceStatus};
+use crate::{InverseError, OneStepSettings, SequenceStatus};
 
 /// Settings of [`AbsoluteGaussNewton`](crate::sequence::AbsoluteGaussNewton).
 #[derive(Debug, Clone, PartialEq)]
 pub struct AbsoluteSettings {
     /// Hyperparameter, data, noise and channels, as for a single frame. The scale `s` is that of
     /// the Jacobian at the reference conductivity.
-    pub difference: DifferenceSettings,
+    pub one_step: OneStepSettings,
     /// Least and greatest conductivity of any element, siemens (per square); the reference must lie
     /// between, not on them. `None` (default): a thousandth of its least and a thousand times its
     /// greatest value.
@@ -23,7 +23,7 @@ pub struct AbsoluteSettings {
 impl Default for AbsoluteSettings {
     fn default() -> Self {
         Self {
-            difference: DifferenceSettings::default(),
+            one_step: OneStepSettings::default(),
             bounds_s: None,
             relative_decrease: 1e-3,
             max_iterations: 30,
@@ -81,7 +81,7 @@ pub struct AbsoluteFrameReport {
     /// Forward solutions, those of the line search included.
     pub forward_solves: usize,
     /// Objective before the first step and after each, in units of the weights (see
-    /// [`Report::noise_scale`](crate::Report::noise_scale)); it never rises.
+    /// [`OneStepReport::noise_scale`](crate::OneStepReport::noise_scale)); it never rises.
     pub objective: Vec<f64>,
     /// Part of its value by which the last linearisation expected the objective to fall: below
     /// `relative_decrease` the image is stationary to that accuracy; otherwise it was taken one step

@@ -4,7 +4,7 @@ use super::step::FrameData;
 use super::{AbsoluteFrameReport, AbsoluteGaussNewton, dot};
 use crate::sequence::modes::whiten;
 use crate::{
-    Differences, ImageSequence, InverseError, SequenceReport, SequenceSolver, SequenceStatus,
+    DifferenceFrames, ImageSequence, InverseError, SequenceReport, SequenceSolver, SequenceStatus,
 };
 use ndarray::Array2;
 use std::time::Instant;
@@ -13,7 +13,7 @@ impl AbsoluteGaussNewton<'_> {
     /// `W^1/2 dv` of a frame and its masked indices.
     fn whiten(
         &self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
         t: usize,
     ) -> Result<(Vec<f64>, Vec<usize>), InverseError> {
         let mut whitened = vec![0.0; self.channels.used.len()];
@@ -37,7 +37,7 @@ impl SequenceSolver for AbsoluteGaussNewton<'_> {
     /// Besides those of the trait, what [`AbsoluteGaussNewton::new`] says of prior and model.
     fn reconstruct_sequence(
         &mut self,
-        frames: &Differences<'_>,
+        frames: &DifferenceFrames<'_>,
     ) -> Result<ImageSequence, InverseError> {
         let start = Instant::now();
         frames.check_shape(self.channels.count)?;

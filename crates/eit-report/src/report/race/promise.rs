@@ -5,7 +5,7 @@ use super::super::scores::{Scores, Truth};
 use super::Recording;
 use super::floor::Floors;
 use crate::error::ReportError;
-use eit_inverse::Differences;
+use eit_inverse::DifferenceFrames;
 use eit_skin::method::{self, Method};
 use eit_skin::plan::expected::Expected;
 use eit_skin::plan::sequence::Sequence;
@@ -146,7 +146,7 @@ fn total_variation(
         choice.push(entry.choice_s);
     }
     let values = fitted.differences();
-    let differences = Differences::all_good(values.view());
+    let differences = DifferenceFrames::all_good(values.view());
     let stop = tv::stop(keys);
     let (Images { pixels: movie, report }, solve_s) = median_s(|| entry.run(&differences, &stop))?;
     let middle = |mut seconds: Vec<f64>| {

@@ -7,8 +7,8 @@ use eit_inverse::touch::{
     Bell, FitResult, FitSettings, NoiseFloor, Touch, TouchFit, TouchStream, TouchStreamSettings,
 };
 use eit_inverse::{
-    Difference, DifferenceSettings, HyperparameterChoice, NoiseTarget, Reconstructor, StTv, Stop,
-    Workspace,
+    HyperparameterChoice, NoiseTarget, OneStepGaussNewton, OneStepSettings, Reconstructor, StTv,
+    Stop, Workspace,
 };
 use eit_skin::Skin;
 use eit_skin::method::Method;
@@ -150,9 +150,9 @@ pub(super) fn one_step(
     let data = bench.linearised.difference_data();
     let noise_std = data.noise_std(&vec![noise_std_v; lab.reference_v.len()])?;
     let settings =
-        DifferenceSettings { data, noise_std: Some(noise_std.clone()), ..Default::default() };
+        OneStepSettings { data, noise_std: Some(noise_std.clone()), ..Default::default() };
     let mut difference =
-        Difference::new(&bench.linearised.jacobian, bench.prior.as_ref(), settings)?;
+        OneStepGaussNewton::new(&bench.linearised.jacobian, bench.prior.as_ref(), settings)?;
     let surface = bench.skin().mesh.surface();
     let target = NoiseTarget::central(surface, &bench.linearised.jacobian)?;
     let figure = DEFAULT_NOISE_FIGURE;
@@ -192,6 +192,6 @@ fn tv_image(
 ) -> Result<Vec<f64>, ReportError> {
     let values = difference(lab, frame, reference);
     let stop = Stop { target_gap: TARGET_GAP, ..Default::default() };
-    let movie = solver.solve(&eit_inverse::Differences::all_good(values.view()), &stop)?;
+    let movie = solver.solve(&eit_inverse::DifferenceFrames::all_good(values.view()), &stop)?;
     Ok(movie.images.row(0).to_vec())
 }

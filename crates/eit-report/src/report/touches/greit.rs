@@ -7,7 +7,7 @@ use super::lab::{DATA_NODES, Lab};
 use super::table::{Cell, Table};
 use crate::error::ReportError;
 use crate::simulate::{Finger, FingerShape, TouchMovie};
-use eit_inverse::{Differences, Stop};
+use eit_inverse::{DifferenceFrames, Stop};
 use eit_skin::Progress;
 use eit_skin::scene::Rule;
 
@@ -43,7 +43,7 @@ pub(super) fn table(
         let noise_std_v = voltages.noise_std_v(NOISE_DB);
         let frames = voltages.with_noise(noise_std_v, 1)?;
         let values = frames.differences(bench.kind());
-        let differences = Differences::all_good(values.view());
+        let differences = DifferenceFrames::all_good(values.view());
         for entrant in &ENTRANTS[..METHODS] {
             let settings = entrant.settings(bench, Rule::NoiseFigure);
             let fitted = bench.fitted(&frames, noise_std_v, settings);

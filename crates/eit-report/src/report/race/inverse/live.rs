@@ -6,7 +6,7 @@ use super::super::super::bench::{Bench, Entrant};
 use super::super::point::{Course, Solver, Spread};
 use super::{Lane, Made, SetUp};
 use crate::error::ReportError;
-use eit_inverse::{SequenceStatus, Reconstructor, StTvStream, Workspace};
+use eit_inverse::{Reconstructor, SequenceStatus, StTvStream, Workspace};
 use eit_skin::denoise::{LiveNet, Net};
 use eit_skin::scene::{Hyperparameter, Rule};
 use eit_skin::total_variation::WINDOW;

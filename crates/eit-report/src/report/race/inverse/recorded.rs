@@ -5,7 +5,7 @@ use super::super::super::bench::{Bench, Entrant, Entry, Sequence};
 use super::super::point::{Course, Solver, Spread};
 use super::{Lane, Made, SetUp};
 use crate::error::ReportError;
-use eit_inverse::{Differences, SequenceStatus, Stop};
+use eit_inverse::{DifferenceFrames, SequenceStatus, Stop};
 use eit_skin::method::Method;
 use eit_skin::scene::Rule;
 use ndarray::Array2;
@@ -23,7 +23,7 @@ impl Lane<'_> {
         let fitted = self.fitted(judge, Entrant { method, lower_s: None }, rule);
         let mut entry = Entry::new(judge, &fitted, method)?;
         let values = self.recording.simulated.frames.differences(judge.kind());
-        let differences = Differences::all_good(values.view());
+        let differences = DifferenceFrames::all_good(values.view());
         let mut seconds = Vec::new();
         let Sequence { pixels: movie, report } = loop {
             let start = Instant::now();
@@ -55,7 +55,7 @@ impl Lane<'_> {
         let mut entry = Entry::new(bench, &fitted, entrant.method)?;
         let (values, frames) =
             (self.recording.simulated.frames.differences(bench.kind()), self.frames());
-        let differences = Differences::all_good(values.view());
+        let differences = DifferenceFrames::all_good(values.view());
         let deadline = Some(Duration::from_secs_f64(self.size.deadline_s));
         let (mut points, mut last) = (Vec::new(), Array2::zeros((0, 0)));
         for &target_gap in self.size.gaps {

@@ -1,7 +1,7 @@
-//! Frames with bad values: leaving measurements out of a reconstruction that was built with them.
+//! Frames with missing data: leaving measurements out of a reconstruction that was built with them.
 //!
 //! With `G = (A + mu I)^-1`, `mu = lambda^2 s` and weighted data `b`, the image is `P J' W^1/2 G b`.
-//! Fill the left-out values `b_S` so that `(G b)_S = 0`: then the left-out rows of `J` drop out of
+//! Fill the missing values `b_S` so that `(G b)_S = 0`: then the missing rows of `J` drop out of
 //! the image, and the others read `(A_KK + mu I) (G b)_K = b_K`, which is the reconstruction built
 //! from the kept measurements `K` alone, at the same `mu`. In the spectrum `A = U diag(d) U'`
 //!
@@ -13,7 +13,7 @@
 //! a positive definite system of as many unknowns as values are left out, with eigenvalues between
 //! `mu / (d_1 + mu)` and 1.
 //!
-//! Source: the fill is the conditional mean of the left-out data given the others in the Gaussian
+//! Source: the fill is the conditional mean of the missing data given the others in the Gaussian
 //! model `b ~ N(0, A + mu I)`; `G b` with a zeroed part is the usual leave-out identity, for
 //! example Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), section 5.4.2.
 
@@ -58,10 +58,10 @@ impl Damping {
 
 /// Memory for the fill; grows with the largest set met so far.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct LeftOut {
-    /// Left-out measurements as indices into the used ones, ascending.
+pub(crate) struct MissingData {
+    /// Missing measurements as indices into the used ones, ascending.
     pub(crate) indices: Vec<usize>,
-    /// `T_S`, row-major `[left out, rank]`.
+    /// `T_S`, row-major `[missing, rank]`.
     rows: Vec<f64>,
     /// `I - T_S T_S'`, then its Cholesky factor, column-major.
     system: Vec<f64>,
@@ -72,15 +72,15 @@ pub(crate) struct LeftOut {
     scratch: Vec<MaybeUninit<u8>>,
 }
 
-impl LeftOut {
-    /// Takes the measurements of the protocol that are bad; unused ones are left out already.
+impl MissingData {
+    /// Takes the measurements of the protocol that are masked; unused ones are left out already.
     pub(crate) fn choose(
         &mut self,
         channels: &Channels,
-        bad: &[usize],
+        masked: &[usize],
     ) -> Result<(), InverseError> {
         self.indices.clear();
-        for &measurement in bad {
+        for &measurement in masked {
             if measurement >= channels.count {
                 let measurements = channels.count;
                 return Err(InverseError::UnknownMeasurement { measurement, measurements });
@@ -95,7 +95,7 @@ impl LeftOut {
         Ok(())
     }
 
-    /// Adds the part of the fill to `coefficients` `diag(1 / (d + mu)) U' b` of data whose left-out
+    /// Adds the part of the fill to `coefficients` `diag(1 / (d + mu)) U' b` of data whose missing
     /// values are zero.
     ///
     /// `data_basis` is `diag(1 / (d + mu)) U' W^1/2` `[rank, used]`.
@@ -157,11 +157,11 @@ impl LeftOut {
         let regularisation = llt::factor::LltRegularization::default();
         let factor = system.as_mut();
         llt::factor::cholesky_in_place(factor, regularisation, Par::Seq, stack, Spec::default())
-            .map_err(|_| InverseError::LeftOutDominates { left_out: k, expected_error: 1.0 })?;
+            .map_err(|_| InverseError::MaskedDominates { masked: k, expected_error: 1.0 })?;
         let pivot = (0..k).map(|i| system[(i, i)].powi(2)).fold(f64::INFINITY, f64::min);
         let expected_error = damping.expected_error(pivot);
         if expected_error > MOST_ERROR {
-            return Err(InverseError::LeftOutDominates { left_out: k, expected_error });
+            return Err(InverseError::MaskedDominates { masked: k, expected_error });
         }
         let fill = MatMut::from_column_major_slice_mut(&mut self.fill, k, 1);
         llt::solve::solve_in_place(
