@@ -25,10 +25,12 @@ pub enum ReportError {
 }
 
 impl ReportError {
+    /// Bad input.
     pub fn input(message: impl Into<String>) -> Self {
         Self::Input(message.into())
     }
 
+    /// A failure at a path.
     pub fn at(path: &Path, error: impl std::fmt::Display) -> Self {
         Self::Failure(format!("{}: {error}", path.display()))
     }
@@ -42,6 +44,7 @@ impl ReportError {
         }
     }
 
+    /// The same error with the place in front.
     pub fn within(self, place: &str) -> Self {
         match self {
             Self::Input(m) => Self::Input(format!("{place}: {m}")),

@@ -155,9 +155,11 @@ pub struct Scores {
     /// Median over the frames of squared error over that of the raw image: net, and the paper's
     /// threshold rule.
     pub net_over_raw: f64,
+    /// The same for the paper's threshold rule.
     pub rule_over_raw: f64,
     /// Parts of the frames in which the net is nearer than raw image and rule.
     pub nearer_than_raw: f64,
+    /// The same against the threshold rule.
     pub nearer_than_rule: f64,
     /// Frames that were compared: those whose raw image is not zero.
     pub frames: usize,

@@ -1,5 +1,4 @@
 #![doc = include_str!("../README.md")]
-#![allow(missing_docs)]
 
 #[cfg(feature = "hw")]
 pub mod connect;

@@ -72,7 +72,9 @@ impl Method {
 /// A method and why it was taken.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct MethodChoice {
+    /// The method.
     pub method: Method,
+    /// Why it was taken.
     pub why: &'static str,
 }
 

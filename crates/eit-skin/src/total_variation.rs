@@ -79,7 +79,9 @@ pub fn stop(keys: &ReconstructionSettings) -> Stop {
 /// The weights in use and how they came about.
 #[derive(Debug, Clone)]
 pub struct Weights {
+    /// Weight of edges in space.
     pub lambda_space: f64,
+    /// Weight of changes in time.
     pub lambda_time: f64,
     /// Radius of the constrained form, in units of the noise where that is known.
     pub delta: Option<f64>,

@@ -131,12 +131,15 @@ pub fn shards(base: &LearningBase) -> Result<(Vec<Shard>, Vec<Shard>), SkinError
 /// How a net is trained.
 #[derive(Debug, Clone, Copy)]
 pub struct Training<'a> {
+    /// Shape of the net, steps and rates.
     pub settings: &'a TrainSettings,
     /// Checksum of the learning base.
     pub base: &'a str,
     /// Written after every epoch; training goes on from it where it is there.
     pub checkpoint: &'a Path,
+    /// Threads; the result does not depend on them.
     pub threads: usize,
+    /// What computes the steps.
     pub engine: Engine,
     /// Set from outside to end it.
     pub stop: &'a StopFlag,

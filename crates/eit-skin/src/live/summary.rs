@@ -85,7 +85,7 @@ impl Summary {
         })
     }
 
-    pub fn take(&mut self, touches: &[Touch], state: ImageState, latency_s: Option<f64>) {
+    pub(crate) fn take(&mut self, touches: &[Touch], state: ImageState, latency_s: Option<f64>) {
         self.frames += 1;
         let of = |state| touches.iter().filter(|touch| touch.state == state).count();
         self.touches += of(TouchState::Begin) as u64;
@@ -105,7 +105,7 @@ impl Summary {
         }
     }
 
-    pub fn say(&mut self, words: String) {
+    pub(crate) fn say(&mut self, words: String) {
         if self.notices.len() < NOTICES {
             self.notices.push(words);
         } else {

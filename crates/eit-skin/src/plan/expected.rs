@@ -19,6 +19,7 @@ struct BestIn {
 /// Error, cost, and what would be better for the time a frame may take.
 #[derive(Debug)]
 pub struct Expected {
+    /// The built-in scene most like the skin.
     pub nearest: Nearest,
     /// The scene's method there.
     pub row: Option<Measured>,

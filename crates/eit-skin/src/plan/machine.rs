@@ -31,6 +31,7 @@ pub struct Machine {
     pub load: Option<f64>,
     /// Dense matrix product, one thread, operations a second.
     pub double_flops_per_s: f64,
+    /// The same in single precision.
     pub single_flops_per_s: f64,
     /// Plain sum, one thread, bytes a second, over 16 and 256 KiB and 3 MiB.
     pub read_bytes_per_s: [f64; 3],

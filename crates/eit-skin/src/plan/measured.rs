@@ -29,12 +29,15 @@ const ALIKE: f64 = 1.02;
 /// One setting of a solver on a built-in scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
+    /// Built-in scene or case of the report.
     pub scene: String,
+    /// Name of the solver.
     pub solver: String,
     /// Rule of the hyperparameter, as in a scene file; empty where there is none.
     pub rule: String,
     /// None: on the elements of the mesh.
     pub pixels: Option<usize>,
+    /// Relative gap that it ran to.
     pub target_gap: Option<f64>,
     /// Gives a frame's image before the next frame comes, without having seen the recording.
     pub live: bool,
@@ -42,28 +45,44 @@ pub struct Measured {
     pub peer: bool,
     /// Root mean square over the two recordings of the scene.
     pub relative_error: f64,
+    /// Of the first recording.
     pub relative_error_first: f64,
+    /// Of the second, where there is one.
     pub relative_error_second: Option<f64>,
+    /// Mean distance of blobs from their fingers.
     pub position_error_mm: Option<f64>,
     /// Parts of the fingers found, blobs a frame that are none.
     pub found: f64,
+    /// False blobs per frame.
     pub extra_blobs: f64,
     /// What counts against a budget: the time of a frame with its share of the choice of weights,
     /// or, live, the time that 95 of 100 frames do not exceed.
     pub cost_ms_a_frame: f64,
+    /// Least time of a frame.
     pub ms_a_frame_least: f64,
+    /// Median.
     pub ms_a_frame: f64,
+    /// What 95 of 100 do not exceed.
     pub ms_a_frame_95: f64,
+    /// Largest.
     pub ms_a_frame_most: f64,
     /// Times that the four are of: runs, or single frames of live solvers.
     pub times: usize,
+    /// The same work at the best rates of the machine.
     pub floor_ms_a_frame: Option<f64>,
+    /// Relative duality gap that was reached.
     pub proven_gap: Option<f64>,
+    /// Iterations of a run.
     pub iterations: f64,
+    /// How it ended.
     pub status: String,
+    /// Frames of a recording.
     pub frames: usize,
+    /// Time of the set-up, seconds.
     pub set_up_s: f64,
+    /// Time of choosing weights or hyperparameter, seconds.
     pub choice_s: f64,
+    /// How they were chosen.
     pub choice: String,
     /// Rate of a dense product where it was measured.
     pub machine_gflops: f64,

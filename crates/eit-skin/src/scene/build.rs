@@ -219,11 +219,11 @@ impl Scene {
         self.protocol.quadruples_file.is_some()
     }
 
-    pub fn needed<T>(&self, value: Option<T>, key: &str, why: &str) -> Result<T, SkinError> {
+    pub(crate) fn needed<T>(&self, value: Option<T>, key: &str, why: &str) -> Result<T, SkinError> {
         value.ok_or_else(|| self.error(format!("{key} is missing: {why} needs it")))
     }
 
-    pub fn error(&self, message: String) -> SkinError {
+    pub(crate) fn error(&self, message: String) -> SkinError {
         SkinError::input(message).within(&self.place)
     }
 }

@@ -24,14 +24,23 @@ const DEFAULT_SCIOSPEC_HZ: f64 = 1e4;
 pub struct InstrumentSettings {
     /// "eits1", "sciospec", "csv", or the name of a board.
     pub driver: String,
+    /// Serial port, or `tcp:HOST:PORT`.
     pub port: Option<String>,
+    /// Rate of the serial line.
     pub baud: Option<u32>,
+    /// Level of the DTR line while the port is open.
     pub dtr: Option<bool>,
+    /// Frames a second that are asked for; 20 where left out.
     pub frame_rate_hz: Option<f64>,
+    /// Frequency of the current.
     pub frequency_hz: Option<f64>,
+    /// Sciospec: 1, 10, 100 or 1000.
     pub gain: Option<u32>,
+    /// Sciospec: 1, 5 or 10 V.
     pub range_v: Option<u32>,
+    /// Sciospec: bytes of an electrode number.
     pub pair_width: Option<PairWidthKind>,
+    /// Sciospec: which sign a measurement has.
     pub polarity: Option<PolarityKind>,
 }
 
@@ -39,7 +48,9 @@ pub struct InstrumentSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PairWidthKind {
+    /// One byte.
     Byte,
+    /// Two bytes.
     Word,
 }
 
@@ -47,16 +58,22 @@ pub enum PairWidthKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PolarityKind {
+    /// As the instrument measures.
     Measured,
+    /// As its list says.
     AsListed,
+    /// The opposite.
     Reversed,
 }
 
 /// Which driver, with what only it needs.
 #[derive(Debug, Clone)]
 pub enum DriverKind {
+    /// Our own protocol, docs/EITS-1.md.
     Eits1,
+    /// Sciospec ISX-3 and EIT devices.
     Sciospec(SciospecSettings),
+    /// A board that prints lines of numbers.
     Board(Box<Board>),
 }
 

@@ -15,7 +15,9 @@ const MOST_NODES: usize = 50_000;
 /// A mesh, its elements, and what is known of their error.
 #[derive(Debug)]
 pub struct MeshChoice {
+    /// The mesh.
     pub mesh: Mesh,
+    /// Its elements.
     pub elements: Elements,
     /// What was mended in the mesh file.
     pub notes: Vec<String>,

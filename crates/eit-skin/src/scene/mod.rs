@@ -84,16 +84,24 @@ pub struct Scene {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SkinSettings {
+    /// Outline.
     pub shape: Shape,
+    /// Radius of a disc or hemisphere, metres.
     pub radius_m: Option<f64>,
+    /// Extent of a rectangle along x, metres.
     pub width_m: Option<f64>,
+    /// Extent of a rectangle along y, metres.
     pub height_m: Option<f64>,
+    /// Corners of a polygon, metres.
     pub outline: Option<Vec<Pair<f64>>>,
+    /// Corners of each hole of a polygon, metres.
     #[serde(default)]
     pub holes: Vec<Vec<Pair<f64>>>,
+    /// Mesh file: Gmsh, STL or OBJ.
     pub file: Option<PathBuf>,
     /// Metres per unit of the file.
     pub scale_m: Option<f64>,
+    /// Of the untouched sheet, siemens per square.
     pub conductivity_s: f64,
     /// Capacitance of the sheet, farad per square.
     pub permittivity_f: Option<f64>,
@@ -167,10 +175,15 @@ impl ElectrodeSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Shape {
+    /// A disc around the origin.
     Disc,
+    /// A dome over the disc.
     Hemisphere,
+    /// A rectangle around the origin.
     Rectangle,
+    /// A polygon with holes.
     Polygon,
+    /// A mesh file.
     Mesh,
 }
 
@@ -178,17 +191,22 @@ pub enum Shape {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ElectrodeSettings {
+    /// Number of electrodes.
     pub count: Option<usize>,
     /// Length of rim; 0 in a list where the electrode is a patch.
     pub width_m: Option<OneOrMany>,
     /// Radius of a patch; 0 in a list where the electrode is on the rim.
     pub radius_m: Option<OneOrMany>,
+    /// Centre of electrode 1, counter-clockwise from +x.
     pub first_angle_deg: Option<f64>,
+    /// Which way electrodes are counted.
     #[serde(default)]
     pub direction: Direction,
+    /// Ohm metre on the rim, ohm square metre of a patch.
     pub contact_impedance_ohm_m: Option<OneOrMany>,
     /// Beside the contact impedance; of a patch farad per square metre.
     pub contact_capacitance_f_per_m: Option<OneOrMany>,
+    /// Centre of each electrode instead of equal spacing, metres.
     pub positions_m: Option<Vec<Position>>,
 }
 
@@ -196,8 +214,10 @@ pub struct ElectrodeSettings {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Direction {
+    /// As angles grow.
     #[default]
     Counterclockwise,
+    /// Against them.
     Clockwise,
 }
 
@@ -260,7 +280,9 @@ fn plain<T: Copy>(pairs: &[Pair<T>]) -> Vec<[T; 2]> {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a number, or a list with one number per electrode")]
 pub enum OneOrMany {
+    /// The same for all.
     One(f64),
+    /// One for each electrode.
     Many(Vec<f64>),
 }
 
@@ -268,16 +290,25 @@ pub enum OneOrMany {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProtocolSettings {
+    /// "adjacent", "opposite", "skip-N" or "trigonometric".
     pub drive: Option<String>,
+    /// Pairs that are measured; as `drive`.
     pub measure: Option<String>,
+    /// Drive pairs, electrodes from 0.
     pub pairs: Option<Vec<Pair<u32>>>,
+    /// CSV file of a, b, m, n, electrodes from 0.
     pub quadruples_file: Option<PathBuf>,
+    /// NPY file of currents [electrode, pattern], in units of `current_a`.
     pub stimulation_file: Option<PathBuf>,
+    /// NPY file of weights [electrode, pattern].
     pub measurement_file: Option<PathBuf>,
+    /// Whether electrodes that carry current are measured.
     #[serde(default)]
     pub driven_electrodes: Driven,
+    /// Order of the measurements of a drive.
     #[serde(default)]
     pub order: Order,
+    /// Amplitude of the drive current, ampere; 1e-4 where left out.
     pub current_a: Option<f64>,
     /// Of the drive current; only capacitances ask for it.
     pub frequency_hz: Option<f64>,
@@ -289,8 +320,10 @@ pub struct ProtocolSettings {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Driven {
+    /// They are not measured.
     #[default]
     Drop,
+    /// They are measured.
     Keep,
 }
 
@@ -298,8 +331,10 @@ pub enum Driven {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
+    /// Drive d = (d, d + 1): pairs (d + 2 + k, d + 3 + k), k ascending.
     #[default]
     Rotated,
+    /// Pairs by their first electrode.
     Ascending,
 }
 
@@ -307,10 +342,15 @@ pub enum Order {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshDensity {
+    /// Length of an edge inside, metres.
     pub edge_m: Option<f64>,
+    /// Length of an edge at the ends of electrodes, metres.
     pub electrode_edge_m: Option<f64>,
+    /// How fast edges grow from there.
     pub grading: Option<f64>,
+    /// About so many nodes instead of a length.
     pub nodes: Option<usize>,
+    /// Most nodes of a mesh that is tried.
     pub node_limit: Option<usize>,
     /// Left out: linear, or with `required_accuracy` the cheaper kind.
     pub elements: Option<ElementKind>,
@@ -322,7 +362,9 @@ pub struct MeshDensity {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a part of the largest voltage, or \"noise\"")]
 pub enum RequiredAccuracyKey {
+    /// Part of the largest voltage.
     Relative(f64),
+    /// By a rule.
     Rule(AccuracyRule),
 }
 
@@ -338,7 +380,9 @@ pub enum AccuracyRule {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ElementKind {
+    /// Three nodes.
     Linear,
+    /// Six nodes.
     Quadratic,
 }
 
@@ -346,16 +390,25 @@ pub enum ElementKind {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordingSettings {
+    /// Where the frames are.
     pub file: Option<OneOrManyFiles>,
+    /// Name of the format, where the ending does not tell.
     pub format: Option<String>,
+    /// How a table holds frames.
     pub frames_are: Option<FramesAre>,
+    /// Whether a table holds complex numbers.
     #[serde(default)]
     pub complex: bool,
+    /// Which real number is taken of complex data.
     #[serde(default)]
     pub component: Component,
+    /// Row of the frequency in a Sciospec file.
     pub frequency_row: Option<usize>,
+    /// The frame to subtract.
     pub reference: Option<Reference>,
+    /// Frames before this one are passed over.
     pub first_frame: Option<usize>,
+    /// Frames a second, where the file does not tell.
     pub frame_rate_hz: Option<f64>,
     /// Every value is multiplied by this: -1 turns the polarity, 1e-3 makes volts of millivolts.
     pub scale: Option<f64>,
@@ -365,7 +418,9 @@ pub struct RecordingSettings {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a file name, or a list of them")]
 pub enum OneOrManyFiles {
+    /// One file.
     One(PathBuf),
+    /// Several, in order.
     Many(Vec<PathBuf>),
 }
 
@@ -385,10 +440,14 @@ pub enum FramesAre {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Component {
+    /// Real part.
     #[default]
     Real,
+    /// Imaginary part.
     Imaginary,
+    /// Absolute value.
     Magnitude,
+    /// Projection on the axis that holds most of the signal.
     Phased,
 }
 
@@ -396,7 +455,9 @@ pub enum Component {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a frame number, \"mean\", \"N..M\" or a file name")]
 pub enum Reference {
+    /// One frame, from 0.
     Frame(usize),
+    /// "mean", "N..M" (frames N to M - 1) or a file.
     Text(String),
 }
 
@@ -424,15 +485,24 @@ pub struct NoiseSettings {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct TouchSettings {
+    /// False touches an hour that noise alone may make.
     pub false_alarms_per_hour: Option<f64>,
+    /// Most touches at once.
     pub max_touches: Option<usize>,
+    /// Which changes of conductivity are touches.
     #[serde(default)]
     pub sign: TouchSign,
+    /// Images that must show a touch before it is reported ...
     pub birth_hits: Option<usize>,
+    /// ... among so many.
     pub birth_frames: Option<usize>,
+    /// Images that a touch may be missing from.
     pub forgiven_frames: Option<usize>,
+    /// Least peak relative to the largest of the image.
     pub relative_floor: Option<f64>,
+    /// Least height over the saddle to a larger peak, relative.
     pub prominence: Option<f64>,
+    /// Time constant of the reference, seconds; 0: it stands still.
     pub drift_time_s: Option<f64>,
 }
 
@@ -440,8 +510,10 @@ pub struct TouchSettings {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TouchSign {
+    /// Where it rises.
     #[default]
     Increase,
+    /// Where it falls.
     Decrease,
 }
 

@@ -7,17 +7,24 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReconstructionSettings {
+    /// Method by its name; left out: chosen from noise, keys and number of frames.
     pub method: Option<String>,
+    /// Pixels along the longer side; 64 where left out.
     pub pixels: Option<usize>,
     /// Time that an image may take, seconds: what is not stated is chosen for it.
     pub frame_time_s: Option<f64>,
     /// The method was chosen for `frame_time_s`.
     #[serde(skip)]
     pub(crate) is_chosen_in_time: bool,
+    /// Prior of the Gauss-Newton methods; Laplace where left out.
     pub prior: Option<PriorKind>,
+    /// Correlation length of the Laplace and Gaussian priors, metres.
     pub correlation_length_m: Option<f64>,
+    /// Weight of the prior, or the rule that chooses it.
     pub hyperparameter: Option<Hyperparameter>,
+    /// Noise figure that the hyperparameter is chosen for; 1 where left out.
     pub noise_figure: Option<f64>,
+    /// Plain or normalised difference; normalised for pairs where left out.
     pub difference: Option<DifferenceKey>,
     /// Use measurements on electrodes that carry current too; they hold contact impedances.
     #[serde(default)]
@@ -27,14 +34,17 @@ pub struct ReconstructionSettings {
     pub electrode_movement_m: Option<f64>,
     /// Weights of total variation.
     pub lambda_space: Option<f64>,
+    /// Weight of the change from frame to frame.
     pub lambda_time: Option<f64>,
     /// Radius of the data constraint instead of a penalty.
     pub delta: Option<Delta>,
     /// Bounds of the conductivity change.
     pub lower_s: Option<f64>,
+    /// Largest change of conductivity, siemens.
     pub upper_s: Option<f64>,
     /// When an iteration is good enough, and when it must end.
     pub target_gap: Option<f64>,
+    /// Time after which an iteration ends, seconds.
     pub deadline_s: Option<f64>,
 }
 
@@ -76,7 +86,9 @@ impl ReconstructionSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a number, or \"noise\"")]
 pub enum Delta {
+    /// A number.
     Value(f64),
+    /// By the noise.
     Rule(DeltaRule),
 }
 
@@ -92,9 +104,13 @@ pub enum DeltaRule {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PriorKind {
+    /// Identity: small changes.
     Tikhonov,
+    /// Diagonal of the sensitivity.
     Noser,
+    /// Smooth changes.
     Laplace,
+    /// Changes correlated over a length.
     Gaussian,
 }
 
@@ -102,7 +118,9 @@ pub enum PriorKind {
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "a number, or one of \"noise-figure\", \"l-curve\", \"gcv\"")]
 pub enum Hyperparameter {
+    /// A number.
     Value(f64),
+    /// By a rule.
     Rule(Rule),
 }
 
@@ -110,8 +128,11 @@ pub enum Hyperparameter {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Rule {
+    /// By the noise figure.
     NoiseFigure,
+    /// By the corner of the L-curve.
     LCurve,
+    /// By generalised cross-validation.
     Gcv,
 }
 
@@ -119,7 +140,9 @@ pub enum Rule {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DifferenceKey {
+    /// `(v - v_ref) / v_ref`.
     Normalised,
+    /// `v - v_ref`, volt.
     Plain,
 }
 

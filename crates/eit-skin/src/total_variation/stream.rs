@@ -22,7 +22,9 @@ pub const WINDOW: usize = 8;
 /// A window ready for frames, and its weights.
 #[derive(Debug)]
 pub struct TvStream {
+    /// Takes frames.
     pub stream: StTvStream,
+    /// How they are weighted.
     pub weights: Weights,
 }
 

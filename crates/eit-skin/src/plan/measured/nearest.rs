@@ -15,7 +15,9 @@ const POOR_DB: f64 = 50.0;
 /// The built-in scene that is most like another, and why.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Nearest {
+    /// Its name.
     pub scene: &'static str,
+    /// Why it is the most like.
     pub why: String,
 }
 
