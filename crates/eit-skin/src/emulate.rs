@@ -121,11 +121,11 @@ fn from_model(
     let protocol = Protocol::from_quadruples(electrodes, wanted, instrument.current_a)
         .map_err(|e| mismatch(scene, instrument, &e.to_string()))?;
     let impedance = scene.contact_impedance(electrodes)?;
-    let model = ForwardModel::with_elements(
+    let model = ForwardModel::with_element_order(
         &mesh,
         &protocol,
         &impedance,
-        scene.elements().unwrap_or_default(),
+        scene.element_order().unwrap_or_default(),
     )?;
     let background = vec![scene.skin.conductivity_s; model.elements()];
     let voltages = progress.stage("voltages", || {

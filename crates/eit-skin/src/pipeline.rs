@@ -19,7 +19,7 @@ pub use imaging::{Imaging, imaging};
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Scene};
-use eit_fem::{Elements, ForwardModel, Protocol, Solution, SolveReport, Workspace};
+use eit_fem::{ElementOrder, ForwardModel, Protocol, Solution, SolveReport, Workspace};
 use eit_inverse::DifferenceData;
 use eit_mesh::{Mesh, Raster};
 use mesh_choice::{Accuracy, Choice};
@@ -67,9 +67,11 @@ impl Setup {
         conductivity_s: &[f64],
         workspace: &'a mut Workspace,
     ) -> Result<Solution<'a>, SkinError> {
-        Ok(match self.model.element_kind() {
-            Elements::Linear => self.model.solve_to(conductivity_s, self.rounding(), workspace)?,
-            Elements::Quadratic => self.model.solve(conductivity_s, workspace)?,
+        Ok(match self.model.element_order() {
+            ElementOrder::Linear => {
+                self.model.solve_to(conductivity_s, self.rounding(), workspace)?
+            }
+            ElementOrder::Quadratic => self.model.solve(conductivity_s, workspace)?,
         })
     }
 }
@@ -100,7 +102,7 @@ pub fn setup(
     let Choice { mesh, elements, notes, accuracy } = choice;
     let impedance = scene.contact_impedance(mesh.electrodes().len())?;
     let model = progress.stage("forward model", || {
-        ForwardModel::with_elements(&mesh, &protocol, &impedance, elements)
+        ForwardModel::with_element_order(&mesh, &protocol, &impedance, elements)
     });
     let model = model.map_err(|e| SkinError::from(e).within(&scene.place))?;
     Ok(Setup { mesh, protocol, model, notes, accuracy })

@@ -5,7 +5,7 @@
 //! triangle at the edge: its two sides and its normal times the square root of twice its area. So a
 //! bend turns, grows and stretches with the skin when nodes move.
 
-use super::order::Elements;
+use super::order::ElementOrder;
 use crate::vector::{cross, dot, norm, sub};
 use eit_mesh::Mesh;
 
@@ -29,12 +29,12 @@ struct Bend {
 }
 
 impl Middles {
-    /// The middles that elements of a kind need.
-    pub fn new(mesh: &Mesh, elements: Elements) -> Self {
+    /// The middles that elements of an order need.
+    pub fn new(mesh: &Mesh, order: ElementOrder) -> Self {
         let surface = mesh.surface();
         let mut middles =
             Self { mesh_nodes: surface.nodes().len(), edges: Vec::new(), bends: Vec::new() };
-        if elements == Elements::Linear {
+        if order == ElementOrder::Linear {
             return middles;
         }
         let side = |t: &[u32; 3], k: usize| [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];

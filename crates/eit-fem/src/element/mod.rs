@@ -29,4 +29,4 @@ pub(crate) mod middles;
 mod order;
 pub(crate) mod quadratic;
 
-pub use order::Elements;
+pub use order::ElementOrder;

@@ -1,10 +1,10 @@
 //! Which finite elements potentials are made of.
 
-/// The kind of finite elements: how potentials run inside a triangle.
+/// The order of the finite elements: how potentials run inside a triangle.
 ///
 /// Conductivity is one value per triangle with either.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Elements {
+pub enum ElementOrder {
     /// Linear potentials, three nodes, straight edges (P1).
     #[default]
     Linear,
@@ -14,7 +14,7 @@ pub enum Elements {
     Quadratic,
 }
 
-impl Elements {
+impl ElementOrder {
     /// Nodes of one element.
     pub(crate) fn nodes(self) -> usize {
         match self {

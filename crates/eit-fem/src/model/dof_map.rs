@@ -4,7 +4,7 @@
 //! (0 V). Unknowns stand in elimination order from the start, so that nothing is permuted per solve.
 
 use super::contact::Contact;
-use crate::element::Elements;
+use crate::element::ElementOrder;
 use crate::element::gradient::node_pairs;
 use crate::element::middles::Middles;
 use crate::error::FemError;
@@ -15,7 +15,7 @@ use eit_mesh::Mesh;
 /// Which unknowns the nodes of elements and electrodes are.
 #[derive(Debug)]
 pub(crate) struct DofMap {
-    pub kind: Elements,
+    pub order: ElementOrder,
     pub middles: Middles,
     /// Electrodes, in unknowns.
     pub contacts: Vec<Contact>,
@@ -27,9 +27,9 @@ pub(crate) struct DofMap {
 
 impl DofMap {
     /// Numbers the unknowns of a mesh.
-    pub fn new(mesh: &Mesh, kind: Elements) -> Result<Self, FemError> {
+    pub fn new(mesh: &Mesh, order: ElementOrder) -> Result<Self, FemError> {
         let surface = mesh.surface();
-        let middles = Middles::new(mesh, kind);
+        let middles = Middles::new(mesh, order);
         let nodes = middles.all_nodes();
         let ground = mesh.electrodes().len() - 1;
         let contacts: Vec<Contact> = mesh
@@ -41,9 +41,9 @@ impl DofMap {
                 Contact::new(surface, electrode, &middles, potential)
             })
             .collect();
-        let mut element_nodes = Vec::with_capacity(surface.triangles().len() * kind.nodes());
+        let mut element_nodes = Vec::with_capacity(surface.triangles().len() * order.nodes());
         surface.triangles().iter().for_each(|t| middles.extend(t, &mut element_nodes));
-        let graph = adjacency(kind, &element_nodes, &contacts, nodes);
+        let graph = adjacency(order, &element_nodes, &contacts, nodes);
         let mut positions_m = surface.nodes().to_vec();
         positions_m.resize(nodes, [0.0; 3]);
         let (of_nodes, of_middles) = positions_m.split_at_mut(surface.nodes().len());
@@ -51,12 +51,12 @@ impl DofMap {
         let unknown_of_node = fill_reducing(&graph, &positions_m)?;
         let contacts = contacts.iter().map(|c| c.renumbered(&unknown_of_node)).collect();
         element_nodes.iter_mut().for_each(|node| *node = unknown_of_node[*node as usize]);
-        Ok(Self { kind, middles, contacts, element_nodes, unknown_of_node })
+        Ok(Self { order, middles, contacts, element_nodes, unknown_of_node })
     }
 
     /// Number of elements.
     pub fn elements(&self) -> usize {
-        self.element_nodes.len() / self.kind.nodes()
+        self.element_nodes.len() / self.order.nodes()
     }
 
     /// Unknowns that are nodes: the first ones.
@@ -71,27 +71,27 @@ impl DofMap {
 
     /// Pairs of unknowns that elements join: element after element.
     pub fn element_pairs(&self) -> impl Iterator<Item = [u32; 2]> {
-        self.element_nodes.chunks_exact(self.kind.nodes()).flat_map(node_pairs)
+        self.element_nodes.chunks_exact(self.order.nodes()).flat_map(node_pairs)
     }
 }
 
 /// Neighbours of nodes, the first `count` unknowns, by elements and electrodes, without themselves:
 /// what a fill-reducing ordering reads.
 fn adjacency(
-    kind: Elements,
+    order: ElementOrder,
     element_nodes: &[u32],
     contacts: &[Contact],
     count: usize,
 ) -> Adjacency {
-    let triangles = element_nodes.len() / kind.nodes();
-    let mut links: Vec<(u32, u32)> = Vec::with_capacity(2 * kind.pairs() * triangles);
+    let triangles = element_nodes.len() / order.nodes();
+    let mut links: Vec<(u32, u32)> = Vec::with_capacity(2 * order.pairs() * triangles);
     let mut join = |i: u32, j: u32| {
         if i != j && (i.max(j) as usize) < count {
             links.push((i, j));
             links.push((j, i));
         }
     };
-    let element_pairs = element_nodes.chunks_exact(kind.nodes()).flat_map(node_pairs);
+    let element_pairs = element_nodes.chunks_exact(order.nodes()).flat_map(node_pairs);
     element_pairs.for_each(|[i, j]| join(i, j));
     contacts.iter().flat_map(|c| c.pairs()).for_each(|[i, j]| join(i, j));
     Adjacency::from_links(count, links)

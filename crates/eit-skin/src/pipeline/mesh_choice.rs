@@ -4,7 +4,7 @@ use super::Setup;
 use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::scene::{Scene, SceneMesh, Shape};
-use eit_fem::{Elements, MeshSearch, MeshTrial, Protocol, RequiredAccuracy};
+use eit_fem::{ElementOrder, MeshSearch, MeshTrial, Protocol, RequiredAccuracy};
 use eit_mesh::Mesh;
 use serde_json::{Value, json};
 
@@ -15,7 +15,7 @@ const MOST_NODES: usize = 50_000;
 /// A mesh, its elements, and what is known of their error.
 pub struct Choice {
     pub mesh: Mesh,
-    pub elements: Elements,
+    pub elements: ElementOrder,
     /// What was mended in the mesh file.
     pub notes: Vec<String>,
     /// `None` where the scene requires nothing.
@@ -53,7 +53,7 @@ impl Accuracy {
         let one = |trial: &MeshTrial| {
             json!({
                 "nodes": trial.nodes,
-                "elements": words(trial.elements),
+                "elements": words(trial.element_order),
                 "unknowns": trial.cost.unknowns,
                 "factor_flops": trial.cost.factor_flops,
                 "estimated_error": trial.error,
@@ -67,11 +67,11 @@ impl Accuracy {
     }
 }
 
-/// Name of a kind of elements.
-pub fn words(elements: Elements) -> &'static str {
+/// Name of an element order.
+pub fn words(elements: ElementOrder) -> &'static str {
     match elements {
-        Elements::Linear => "linear",
-        Elements::Quadratic => "quadratic",
+        ElementOrder::Linear => "linear",
+        ElementOrder::Quadratic => "quadratic",
     }
 }
 
@@ -91,7 +91,7 @@ pub fn mesh(
     let made = progress.stage("mesh", || wanted.build_noted());
     let (mesh, notes) = made.map_err(|e| e.within(&scene.place))?;
     notes.iter().for_each(|note| progress.note(note));
-    let elements = scene.elements().unwrap_or_default();
+    let elements = scene.element_order().unwrap_or_default();
     let fixed = Choice { mesh, elements, notes, accuracy: None };
     match required.filter(|_| !fixed.mesh.electrodes().is_empty()) {
         Some(required) => progress.stage("choice of elements", || judged(scene, fixed, required)),
@@ -112,7 +112,7 @@ fn searched(
     let found = found.map_err(|error: SkinError| error.within(&scene.place))?;
     Ok(Choice {
         mesh: found.mesh,
-        elements: found.elements,
+        elements: found.element_order,
         notes: Vec::new(),
         accuracy: Some(Accuracy {
             required: found.required,
@@ -131,7 +131,7 @@ fn judged(scene: &Scene, fixed: Choice, required: RequiredAccuracy) -> Result<Ch
     let found =
         search.of_linear(&fixed.mesh).map_err(|e| SkinError::from(e).within(&scene.place))?;
     let suffices = found.error <= found.required;
-    if !suffices && scene.elements() == Some(Elements::Linear) {
+    if !suffices && scene.element_order() == Some(ElementOrder::Linear) {
         return Err(SkinError::input(format!(
             "linear elements on this mesh have an error of {:.1e} of the largest voltage, and \
              {:.1e} is required: take mesh.elements out, or a finer mesh",
@@ -139,9 +139,12 @@ fn judged(scene: &Scene, fixed: Choice, required: RequiredAccuracy) -> Result<Ch
         ))
         .within(&scene.place));
     }
-    let linear = suffices && scene.elements() != Some(Elements::Quadratic);
-    let (elements, error) =
-        if linear { (Elements::Linear, Some(found.error)) } else { (Elements::Quadratic, None) };
+    let linear = suffices && scene.element_order() != Some(ElementOrder::Quadratic);
+    let (elements, error) = if linear {
+        (ElementOrder::Linear, Some(found.error))
+    } else {
+        (ElementOrder::Quadratic, None)
+    };
     let accuracy = Accuracy { required: found.required, error, trials: Vec::new() };
     Ok(Choice { elements, accuracy: Some(accuracy), ..fixed })
 }
@@ -157,7 +160,7 @@ fn search<'a>(
         contact_impedance,
         conductivity_s: scene.skin.conductivity_s,
         required,
-        elements: scene.elements(),
+        element_order: scene.element_order(),
         most_nodes: scene.mesh.node_limit.unwrap_or(MOST_NODES),
     }
 }
@@ -172,10 +175,10 @@ pub fn estimate(scene: &Scene, setup: &Setup) -> Result<Option<f64>, SkinError> 
         return Ok(None);
     }
     let search = search(scene, (&setup.protocol, &impedance), RequiredAccuracy::Relative(0.5));
-    let estimate = match setup.model.element_kind() {
-        Elements::Linear => search.of_linear(&setup.mesh)?.error,
-        Elements::Quadratic if scene.skin.shape == Shape::Mesh => return Ok(None),
-        Elements::Quadratic => {
+    let estimate = match setup.model.element_order() {
+        ElementOrder::Linear => search.of_linear(&setup.mesh)?.error,
+        ElementOrder::Quadratic if scene.skin.shape == Shape::Mesh => return Ok(None),
+        ElementOrder::Quadratic => {
             let nodes = 2 * setup.mesh.surface().nodes().len();
             search.of_quadratic(&setup.mesh, &scene.mesh(Some(nodes))?.build()?)?.error
         }

@@ -11,7 +11,7 @@ use crate::pipeline::{DEFAULT_PIXELS, Setup};
 use crate::plan::machine::Machine;
 use crate::plan::measured::Measured;
 use crate::scene::{Scene, Shape};
-use eit_fem::{Elements, SolvePath};
+use eit_fem::{ElementOrder, SolvePath};
 use eit_mesh::{Mesh, Quality};
 use rates::{
     ACCURATE_NODE_S, CACHED_BYTES, COMPLEX_FLOPS, ELEMENT_S, FACTOR_FLOPS_PER_S,
@@ -184,9 +184,9 @@ impl Sizes<'_> {
         let entries = cost.factor_entries as f64;
         let solves = cost.field_solves as f64;
         let sweep = 2.0 * entries * solves;
-        let kind = match setup.model.element_kind() {
-            Elements::Linear => "",
-            Elements::Quadratic => "quadratic elements; ",
+        let kind = match setup.model.element_order() {
+            ElementOrder::Linear => "",
+            ElementOrder::Quadratic => "quadratic elements; ",
         };
         vec![
             mesh_stage(scene, &setup.mesh),

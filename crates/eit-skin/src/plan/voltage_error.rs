@@ -4,7 +4,7 @@ use crate::error::SkinError;
 use crate::pipeline::mesh_choice::{self, Accuracy, words};
 use crate::pipeline::{Setup, series};
 use crate::scene::{AccuracyKeys, AccuracyRule, Scene};
-use eit_fem::{Elements, ModelCost};
+use eit_fem::{ElementOrder, ModelCost};
 use serde_json::{Value, json};
 
 /// Degree of the mesh-free series: the two digits printed do not change from degree 8 to 24 on the
@@ -22,7 +22,7 @@ pub struct VoltageError {
     /// Whether the mesh was chosen for the noise.
     by_noise: bool,
     accuracy: Option<Accuracy>,
-    elements: Elements,
+    elements: ElementOrder,
     cost: ModelCost,
 }
 
@@ -30,7 +30,7 @@ impl VoltageError {
     /// By the mesh-free series where there is one, else by better elements or a finer mesh.
     pub fn of(scene: &Scene, setup: &Setup, found: &[f64]) -> Result<Self, SkinError> {
         let largest = found.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        let elements = setup.model.element_kind();
+        let elements = setup.model.element_order();
         let chosen = setup.accuracy.as_ref().map(|accuracy| accuracy.error);
         let (of_mesh, against) = match (series::disc_voltages(scene, setup, PLAN_DEGREE)?, chosen) {
             (Some(exact), _) => {
@@ -42,8 +42,8 @@ impl VoltageError {
             (None, None) => (
                 mesh_choice::estimate(scene, setup)?,
                 match elements {
-                    Elements::Linear => "quadratic elements on the same mesh",
-                    Elements::Quadratic => "quadratic elements on twice the nodes",
+                    ElementOrder::Linear => "quadratic elements on the same mesh",
+                    ElementOrder::Quadratic => "quadratic elements on twice the nodes",
                 },
             ),
         };

@@ -6,17 +6,17 @@ use super::{
     Scene, Shape, plain,
 };
 use crate::error::SkinError;
-use eit_fem::{Elements, Protocol, RequiredAccuracy};
+use eit_fem::{ElementOrder, Protocol, RequiredAccuracy};
 use eit_mesh::{Mesh, MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
 
 impl Scene {
-    /// The kind of finite elements that the scene names, or asks for: derivatives along movement of
+    /// The order of the finite elements that the scene names, or asks for: derivatives along movement of
     /// electrodes are those of linear ones.
-    pub fn elements(&self) -> Option<Elements> {
+    pub fn element_order(&self) -> Option<ElementOrder> {
         match self.mesh.elements {
-            Some(ElementKeys::Linear) => Some(Elements::Linear),
-            Some(ElementKeys::Quadratic) => Some(Elements::Quadratic),
-            None => self.reconstruction.electrode_movement_m.map(|_| Elements::Linear),
+            Some(ElementKeys::Linear) => Some(ElementOrder::Linear),
+            Some(ElementKeys::Quadratic) => Some(ElementOrder::Quadratic),
+            None => self.reconstruction.electrode_movement_m.map(|_| ElementOrder::Linear),
         }
     }
 
