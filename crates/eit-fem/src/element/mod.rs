@@ -25,7 +25,7 @@
 
 pub(crate) mod gradient;
 pub(crate) mod linear;
-pub(crate) mod middles;
+pub(crate) mod midside_nodes;
 mod order;
 pub(crate) mod quadratic;
 

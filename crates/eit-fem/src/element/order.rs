@@ -9,7 +9,7 @@ pub enum ElementOrder {
     #[default]
     Linear,
     /// Quadratic potentials, six nodes (P2). Edges follow the curve that the mesh knows
-    /// ([`Mesh::midpoint_m`](eit_mesh::Mesh::midpoint_m)) as parabolas through its middle. Solved in
+    /// ([`Mesh::midpoint_m`](eit_mesh::Mesh::midpoint_m)) as parabolas through its midpoint. Solved in
     /// `f64` only, with contact impedances above zero and finite.
     Quadratic,
 }

@@ -30,11 +30,11 @@ impl ForwardModel {
         geometry: &mut Geometry,
     ) -> Result<(), FemError> {
         geometry.check(&self.dofs, &self.assembly)?;
-        if nodes_m.len() != self.dofs.middles.mesh_nodes() {
+        if nodes_m.len() != self.dofs.midside_nodes.mesh_nodes() {
             return Err(FemError::WrongLength {
                 what: "node positions (one per node)",
                 found: nodes_m.len(),
-                wanted: self.dofs.middles.mesh_nodes(),
+                wanted: self.dofs.midside_nodes.mesh_nodes(),
             });
         }
         check_impedances(self.dofs.order, self.protocol().electrodes(), contact_impedance)?;

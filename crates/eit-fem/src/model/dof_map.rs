@@ -6,7 +6,7 @@
 use super::contact::Contact;
 use crate::element::ElementOrder;
 use crate::element::gradient::node_pairs;
-use crate::element::middles::Middles;
+use crate::element::midside_nodes::MidsideNodes;
 use crate::error::FemError;
 use crate::sparse::graph::Adjacency;
 use crate::sparse::ordering::fill_reducing;
@@ -16,12 +16,12 @@ use eit_mesh::Mesh;
 #[derive(Debug)]
 pub(crate) struct DofMap {
     pub order: ElementOrder,
-    pub middles: Middles,
+    pub midside_nodes: MidsideNodes,
     /// Electrodes, in unknowns.
     pub contacts: Vec<Contact>,
     /// Nodes of element after element, as unknowns.
     pub element_nodes: Vec<u32>,
-    /// Unknown of each mesh node, then of each middle.
+    /// Unknown of each mesh node, then of each midside node.
     pub unknown_of_node: Vec<u32>,
 }
 
@@ -29,8 +29,8 @@ impl DofMap {
     /// Numbers the unknowns of a mesh.
     pub fn new(mesh: &Mesh, order: ElementOrder) -> Result<Self, FemError> {
         let surface = mesh.surface();
-        let middles = Middles::new(mesh, order);
-        let nodes = middles.all_nodes();
+        let midside_nodes = MidsideNodes::new(mesh, order);
+        let nodes = midside_nodes.all_nodes();
         let ground = mesh.electrodes().len() - 1;
         let contacts: Vec<Contact> = mesh
             .electrodes()
@@ -38,20 +38,20 @@ impl DofMap {
             .enumerate()
             .map(|(l, electrode)| {
                 let potential = (l != ground).then_some((nodes + l) as u32);
-                Contact::new(surface, electrode, &middles, potential)
+                Contact::new(surface, electrode, &midside_nodes, potential)
             })
             .collect();
         let mut element_nodes = Vec::with_capacity(surface.triangles().len() * order.nodes());
-        surface.triangles().iter().for_each(|t| middles.extend(t, &mut element_nodes));
+        surface.triangles().iter().for_each(|t| midside_nodes.extend(t, &mut element_nodes));
         let graph = adjacency(order, &element_nodes, &contacts, nodes);
         let mut positions_m = surface.nodes().to_vec();
         positions_m.resize(nodes, [0.0; 3]);
-        let (of_nodes, of_middles) = positions_m.split_at_mut(surface.nodes().len());
-        middles.places(of_nodes, |middle, position_m| of_middles[middle] = position_m);
+        let (of_nodes, of_midside_nodes) = positions_m.split_at_mut(surface.nodes().len());
+        midside_nodes.places(of_nodes, |middle, position_m| of_midside_nodes[middle] = position_m);
         let unknown_of_node = fill_reducing(&graph, &positions_m)?;
         let contacts = contacts.iter().map(|c| c.renumbered(&unknown_of_node)).collect();
         element_nodes.iter_mut().for_each(|node| *node = unknown_of_node[*node as usize]);
-        Ok(Self { order, middles, contacts, element_nodes, unknown_of_node })
+        Ok(Self { order, midside_nodes, contacts, element_nodes, unknown_of_node })
     }
 
     /// Number of elements.

@@ -40,7 +40,7 @@ pub struct ForwardModel {
 /// Size and work of a model, known before any number is computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModelCost {
-    /// Node (quadratic elements: and middle) and electrode potentials.
+    /// Node (quadratic elements: and midside node) and electrode potentials.
     pub unknowns: usize,
     /// Stored entries of the Cholesky factor, 8 bytes each.
     pub factor_entries: usize,
@@ -57,7 +57,7 @@ pub struct ModelCost {
 /// The system matrix of one conductivity, on the mesh's own node positions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SystemMatrix {
-    /// Where it has entries. Unknowns are node potentials (quadratic elements: and middles) in
+    /// Where it has entries. Unknowns are node potentials (quadratic elements: and midside nodes) in
     /// elimination order, then the potentials of all electrodes but the last, which is the ground.
     pub pattern: Pattern,
     /// One value for each entry, siemens.

@@ -64,12 +64,12 @@ impl Geometry {
         nodes_m: &[[f64; 3]],
         contact_impedance: &[f64],
     ) -> Result<(), FemError> {
-        let (of_nodes, of_middles) = dofs.unknown_of_node.split_at(nodes_m.len());
+        let (of_nodes, of_midside_nodes) = dofs.unknown_of_node.split_at(nodes_m.len());
         for (position, &unknown) in nodes_m.iter().zip(of_nodes) {
             self.positions[unknown as usize] = *position;
         }
-        dofs.middles.places(nodes_m, |middle, position| {
-            self.positions[of_middles[middle] as usize] = position;
+        dofs.midside_nodes.places(nodes_m, |middle, position| {
+            self.positions[of_midside_nodes[middle] as usize] = position;
         });
         match dofs.order {
             ElementOrder::Linear => self.fill_elements(dofs, linear, |_| 1.0)?,
