@@ -7,7 +7,7 @@
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
 use eit_fem::analytic::DiscSeries;
-use eit_fem::{Elements, ForwardModel, PairProtocol, Protocol};
+use eit_fem::{ElementOrder, ForwardModel, PairProtocol, Protocol};
 use eit_mesh::{Direction, Mesh, MeshSettings, Placement, RimElectrodes, SkinShape, generate};
 use ndarray::{Array1, Array2};
 use std::error::Error;
@@ -26,7 +26,7 @@ struct Family {
     /// Settings for the scale `2^(-k/2)`.
     settings: fn(f64) -> MeshSettings,
     /// Kinds of elements, and how many meshes of the family they are tried on.
-    tried: &'static [(Elements, i32)],
+    tried: &'static [(ElementOrder, i32)],
 }
 
 const FAMILIES: [Family; 3] = [
@@ -37,7 +37,7 @@ const FAMILIES: [Family; 3] = [
             electrode_edge_m: Some(0.0098 * h),
             ..Default::default()
         },
-        tried: &[(Elements::Linear, 7), (Elements::Quadratic, 6)],
+        tried: &[(ElementOrder::Linear, 7), (ElementOrder::Quadratic, 6)],
     },
     Family {
         name: "graded",
@@ -46,7 +46,7 @@ const FAMILIES: [Family; 3] = [
             electrode_edge_m: Some(0.005 * h),
             ..Default::default()
         },
-        tried: &[(Elements::Linear, 8), (Elements::Quadratic, 7)],
+        tried: &[(ElementOrder::Linear, 8), (ElementOrder::Quadratic, 7)],
     },
     Family {
         name: "graded more",
@@ -56,7 +56,7 @@ const FAMILIES: [Family; 3] = [
             grading: 0.4 * h,
             ..Default::default()
         },
-        tried: &[(Elements::Linear, 6), (Elements::Quadratic, 6)],
+        tried: &[(ElementOrder::Linear, 6), (ElementOrder::Quadratic, 6)],
     },
 ];
 
@@ -75,7 +75,8 @@ pub fn run(meshes: i32, repeats: usize) -> Result<[f64; 2]> {
             for k in 0..count.min(meshes) {
                 let mesh = disc(&(family.settings)(0.5_f64.powf(0.5 * f64::from(k))))?;
                 let impedance = [IMPEDANCE_OHM_M; 16];
-                let model = ForwardModel::with_elements(&mesh, &protocol, &impedance, elements)?;
+                let model =
+                    ForwardModel::with_element_order(&mesh, &protocol, &impedance, elements)?;
                 let (voltages, [forward_s, both_s]) = solve(&model, repeats)?;
                 let error = largest(&(&voltages - &exact)) / largest(&exact);
                 *least = least.min(error);

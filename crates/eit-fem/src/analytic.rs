@@ -16,7 +16,7 @@
 //! cut at `harmonics`, with the mean of its tail, `1 / (4 n^2 a^2)` for terms of one electrode,
 //! added. Nothing here is shared with the finite element code.
 
-use crate::element::Elements;
+use crate::element::ElementOrder;
 use crate::error::FemError;
 use crate::model::checks::check_impedances;
 use faer::prelude::*;
@@ -70,7 +70,7 @@ impl DiscSeries {
         contact_impedance_ohm_m: &[f64],
     ) -> Result<Array2<f64>, FemError> {
         self.validate(currents_a.ncols())?;
-        check_impedances(Elements::Linear, currents_a.ncols(), contact_impedance_ohm_m)?;
+        check_impedances(ElementOrder::Linear, currents_a.ncols(), contact_impedance_ohm_m)?;
         let limit = |z: &&f64| **z == 0.0 || z.is_infinite();
         if let Some(&value) = contact_impedance_ohm_m.iter().find(limit) {
             let (quantity, must) = ("contact_impedance_ohm_m", "above zero and finite");

@@ -243,8 +243,8 @@ pub enum FemError {
     },
     /// A curved element that folds over.
     #[error(
-        "triangle {triangle} folds over (stretched by {stretch} at one place): the middles of its \
-         edges are too far off; use shorter edges where the skin is curved"
+        "triangle {triangle} folds over (stretched by {stretch} at one place): its midside nodes \
+         are too far off the straight edges; use shorter edges where the skin is curved"
     )]
     FoldedElement {
         /// Triangle index.

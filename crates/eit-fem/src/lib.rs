@@ -20,7 +20,7 @@ pub use admittivity::{
     AdmittivityModel, AdmittivityReport, AdmittivitySolution, AdmittivityWorkspace, admittivity,
 };
 pub use derivatives::{Displacement, ElectrodeMotion, JacobianValue};
-pub use element::Elements;
+pub use element::ElementOrder;
 pub use error::FemError;
 pub use mesh_choice::{ChosenMesh, Estimate, MeshSearch, MeshTrial, RequiredAccuracy};
 pub use model::{ForwardModel, Geometry, ModelCost, SystemMatrix};

@@ -12,7 +12,7 @@
 //!
 //! With errors of order two in the edge length, `n` times the nodes have `1 / n` of the error, and a
 //! difference is `1 - 1 / n` of it: `SHARE = 2` is exact for `FINER = 2`, and cautious wherever
-//! convergence is faster. Electrode ends hold both kinds of elements to order two on even meshes.
+//! convergence is faster. Electrode ends hold elements of both orders to second order on even meshes.
 //!
 //! Of the trials that meet the requirement the cheapest is chosen; the search ends when no cheaper
 //! one is left to be judged. So the finest mesh that is solved has at most `FINER` times (linear
@@ -22,7 +22,7 @@
 //!
 //! Long, because question, answer and search are documented in one place.
 
-use crate::element::Elements;
+use crate::element::ElementOrder;
 use crate::error::FemError;
 use crate::model::checks::check_accuracy;
 use crate::model::{ForwardModel, ModelCost};
@@ -71,7 +71,7 @@ pub enum RequiredAccuracy {
 ///     contact_impedance: &[1e3; 16],
 ///     conductivity_s: 1e-5,
 ///     required: RequiredAccuracy::Relative(1e-3),
-///     elements: None,
+///     element_order: None,
 ///     most_nodes: 50_000,
 /// };
 /// let chosen = search.run(|scale| {
@@ -91,19 +91,19 @@ pub struct MeshSearch<'a> {
     pub conductivity_s: f64,
     /// What the discretisation has to stay below.
     pub required: RequiredAccuracy,
-    /// The kind of elements; `None`: the cheaper one.
-    pub elements: Option<Elements>,
+    /// The order of the elements; `None`: the cheaper one.
+    pub element_order: Option<ElementOrder>,
     /// No mesh of more nodes is solved.
     pub most_nodes: usize,
 }
 
-/// A mesh that was tried with one kind of elements.
+/// A mesh that was tried with elements of one order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeshTrial {
     /// Nodes of the mesh.
     pub nodes: usize,
-    /// Its kind of elements.
-    pub elements: Elements,
+    /// Order of its elements.
+    pub element_order: ElementOrder,
     /// Size and work.
     pub cost: ModelCost,
     /// Estimated error of the voltages over the largest; `None` where no finer mesh judged it.
@@ -126,8 +126,8 @@ impl MeshTrial {
 pub struct ChosenMesh {
     /// Solve on this mesh,
     pub mesh: Mesh,
-    /// with these elements.
-    pub elements: Elements,
+    /// with elements of this order.
+    pub element_order: ElementOrder,
     /// Estimated error of the voltages over the largest one.
     pub error: f64,
     /// What was required, relative to the largest voltage.
@@ -174,7 +174,7 @@ impl MeshSearch<'_> {
         &self,
         mut mesh_of: impl FnMut(f64) -> Result<Mesh, E>,
     ) -> Result<ChosenMesh, E> {
-        let kinds = self.kinds()?;
+        let orders = self.orders()?;
         let mut levels: Vec<Level> = Vec::new();
         let mut scale = 1.0;
         loop {
@@ -188,7 +188,7 @@ impl MeshSearch<'_> {
             if levels.last().is_some_and(|level| level.mesh.surface().nodes().len() >= nodes) {
                 continue;
             }
-            levels.push(self.solved(mesh, kinds)?);
+            levels.push(self.solved(mesh, orders)?);
             self.judge(&mut levels);
             let (required, largest_v) = self.relative(&levels)?;
             if let Some(place) = self.settled(&levels, required) {
@@ -201,10 +201,10 @@ impl MeshSearch<'_> {
     /// have no family, such as those of files.
     ///
     /// # Errors
-    /// Those of [`ForwardModel::with_elements`] and [`ForwardModel::solve`], and of
+    /// Those of [`ForwardModel::with_element_order`] and [`ForwardModel::solve`], and of
     /// [`MeshSearch::run`] for the required accuracy.
     pub fn of_linear(&self, mesh: &Mesh) -> Result<Estimate, FemError> {
-        self.estimate(mesh, Elements::Linear, mesh, 1.0)
+        self.estimate(mesh, ElementOrder::Linear, mesh, 1.0)
     }
 
     /// Estimates the error of quadratic elements by those on a mesh of twice the nodes.
@@ -212,26 +212,26 @@ impl MeshSearch<'_> {
     /// # Errors
     /// As [`MeshSearch::of_linear`].
     pub fn of_quadratic(&self, mesh: &Mesh, finer: &Mesh) -> Result<Estimate, FemError> {
-        self.estimate(mesh, Elements::Quadratic, finer, SHARE)
+        self.estimate(mesh, ElementOrder::Quadratic, finer, SHARE)
     }
 
     fn estimate(
         &self,
         mesh: &Mesh,
-        kind: Elements,
+        order: ElementOrder,
         judge: &Mesh,
         share: f64,
     ) -> Result<Estimate, FemError> {
-        self.kinds()?;
-        let (_, found) = self.trial(mesh, kind)?;
-        let (_, best) = self.trial(judge, Elements::Quadratic)?;
+        self.orders()?;
+        let (_, found) = self.trial(mesh, order)?;
+        let (_, best) = self.trial(judge, ElementOrder::Quadratic)?;
         let largest_v = largest(&best);
         let required = self.required_of(largest_v)?;
         Ok(Estimate { error: share * difference(&found, &best), required, largest_v })
     }
 
-    /// Kinds of elements that are solved, the best last.
-    fn kinds(&self) -> Result<&'static [Elements], FemError> {
+    /// Orders of elements that are solved, the best last.
+    fn orders(&self) -> Result<&'static [ElementOrder], FemError> {
         let (quantity, value) = match self.required {
             RequiredAccuracy::Relative(value) => {
                 check_accuracy(value)?;
@@ -243,22 +243,27 @@ impl MeshSearch<'_> {
             return Err(FemError::OutOfRange { quantity, value, must: "finite and above zero" });
         }
         let limit = self.contact_impedance.iter().any(|z| *z == 0.0 || z.is_infinite());
-        Ok(if limit && self.elements != Some(Elements::Quadratic) {
-            &[Elements::Linear]
+        Ok(if limit && self.element_order != Some(ElementOrder::Quadratic) {
+            &[ElementOrder::Linear]
         } else {
-            &[Elements::Linear, Elements::Quadratic]
+            &[ElementOrder::Linear, ElementOrder::Quadratic]
         })
     }
 
-    fn trial(&self, mesh: &Mesh, kind: Elements) -> Result<(MeshTrial, Array1<f64>), FemError> {
-        let model = ForwardModel::with_elements(mesh, self.protocol, self.contact_impedance, kind)?;
+    fn trial(
+        &self,
+        mesh: &Mesh,
+        order: ElementOrder,
+    ) -> Result<(MeshTrial, Array1<f64>), FemError> {
+        let model =
+            ForwardModel::with_element_order(mesh, self.protocol, self.contact_impedance, order)?;
         let voltages = model.forward(&vec![self.conductivity_s; model.elements()])?;
         let nodes = mesh.surface().nodes().len();
-        Ok((MeshTrial { nodes, elements: kind, cost: model.cost(), error: None }, voltages))
+        Ok((MeshTrial { nodes, element_order: order, cost: model.cost(), error: None }, voltages))
     }
 
-    fn solved(&self, mesh: Mesh, kinds: &[Elements]) -> Result<Level, FemError> {
-        let trials: Result<_, _> = kinds.iter().map(|&kind| self.trial(&mesh, kind)).collect();
+    fn solved(&self, mesh: Mesh, orders: &[ElementOrder]) -> Result<Level, FemError> {
+        let trials: Result<_, _> = orders.iter().map(|&order| self.trial(&mesh, order)).collect();
         Ok(Level { trials: trials?, mesh })
     }
 
@@ -269,13 +274,13 @@ impl MeshSearch<'_> {
             return;
         };
         for (trial, voltages) in levels.iter_mut().flat_map(|level| &mut level.trials) {
-            let finer = match (trial.elements, judge.elements) {
-                (Elements::Linear, Elements::Quadratic) => {
+            let finer = match (trial.element_order, judge.element_order) {
+                (ElementOrder::Linear, ElementOrder::Quadratic) => {
                     trial.error = Some(difference(voltages, &best));
                     continue;
                 }
-                (Elements::Quadratic, _) => FINER,
-                (Elements::Linear, Elements::Linear) => FINER * FINER,
+                (ElementOrder::Quadratic, _) => FINER,
+                (ElementOrder::Linear, ElementOrder::Linear) => FINER * FINER,
             };
             // meshes have about as many nodes as they were asked for: within a tenth
             if judge.nodes as f64 >= 0.9 * finer * trial.nodes as f64 {
@@ -303,7 +308,8 @@ impl MeshSearch<'_> {
 
     /// The cheapest trial that meets the requirement, once none that is cheaper waits to be judged.
     fn settled(&self, levels: &[Level], required: f64) -> Option<Place> {
-        let allowed = |trial: &MeshTrial| self.elements.is_none_or(|kind| kind == trial.elements);
+        let allowed =
+            |trial: &MeshTrial| self.element_order.is_none_or(|order| order == trial.element_order);
         let mut best: Option<(f64, Place)> = None;
         let mut waiting = f64::INFINITY;
         for (l, level) in levels.iter().enumerate() {
@@ -325,7 +331,9 @@ impl MeshSearch<'_> {
     }
 
     fn none(&self, levels: &[Level]) -> FemError {
-        let allowed = |trial: &&MeshTrial| self.elements.is_none_or(|kind| kind == trial.elements);
+        let allowed = |trial: &&MeshTrial| {
+            self.element_order.is_none_or(|order| order == trial.element_order)
+        };
         let trials = levels.iter().flat_map(|level| level.trials.iter().map(|(trial, _)| trial));
         let judged = trials.filter(allowed).filter_map(|trial| Some((trial.error?, trial.nodes)));
         let least = judged.min_by(|a, b| a.0.total_cmp(&b.0));
@@ -341,7 +349,7 @@ fn chosen(mut levels: Vec<Level>, place: Place, required: f64, largest_v: f64) -
     let trials = levels.iter().flat_map(|l| l.trials.iter().map(|(trial, _)| *trial)).collect();
     ChosenMesh {
         mesh: levels.swap_remove(place.level).mesh,
-        elements: found.elements,
+        element_order: found.element_order,
         error: found.error.unwrap_or(f64::INFINITY),
         required,
         largest_v,

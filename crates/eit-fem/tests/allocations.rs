@@ -5,7 +5,7 @@ mod common;
 
 use allocation_counter::measure;
 use common::{noise, round_disc};
-use eit_fem::{Elements, ForwardModel, PairProtocol};
+use eit_fem::{ElementOrder, ForwardModel, PairProtocol};
 use ndarray::Array2;
 use std::hint::black_box;
 
@@ -13,8 +13,9 @@ use std::hint::black_box;
 fn solves_on_moved_nodes_allocate_nothing() {
     let mesh = round_disc(8);
     let protocol = PairProtocol { electrodes: 12, ..Default::default() }.protocol().unwrap();
-    for elements in [Elements::Linear, Elements::Quadratic] {
-        let model = ForwardModel::with_elements(&mesh, &protocol, &[0.05; 12], elements).unwrap();
+    for elements in [ElementOrder::Linear, ElementOrder::Quadratic] {
+        let model =
+            ForwardModel::with_element_order(&mesh, &protocol, &[0.05; 12], elements).unwrap();
         let mut workspace = model.workspace().unwrap();
         let mut geometry = model.geometry();
         let mut nodes = mesh.surface().nodes().to_vec();

@@ -9,7 +9,7 @@
 
 use eit_fem::analytic::DiscSeries;
 use eit_fem::{
-    ChosenMesh, Elements, FemError, ForwardModel, MeshSearch, PairProtocol, Protocol,
+    ChosenMesh, ElementOrder, FemError, ForwardModel, MeshSearch, PairProtocol, Protocol,
     RequiredAccuracy,
 };
 use eit_mesh::{
@@ -33,7 +33,7 @@ fn search<'a>(protocol: &'a Protocol, impedance: &'a [f64], accuracy: f64) -> Me
         contact_impedance: impedance,
         conductivity_s: CONDUCTIVITY_S,
         required: RequiredAccuracy::Relative(accuracy),
-        elements: None,
+        element_order: None,
         most_nodes: 40_000,
     }
 }
@@ -71,17 +71,18 @@ fn true_error(chosen: &ChosenMesh, protocol: &Protocol, exact: &Array1<f64>) -> 
     let count = protocol.electrodes();
     let impedance = vec![IMPEDANCE_OHM_M; count];
     let model =
-        ForwardModel::with_elements(&chosen.mesh, protocol, &impedance, chosen.elements).unwrap();
+        ForwardModel::with_element_order(&chosen.mesh, protocol, &impedance, chosen.element_order)
+            .unwrap();
     let voltages = model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap();
     largest(&(voltages - exact)) / largest(exact)
 }
 
 fn words(chosen: &ChosenMesh) -> String {
     let nodes = chosen.mesh.surface().nodes().len();
-    format!("{:?}, {nodes} nodes, estimated {:.1e}", chosen.elements, chosen.error)
+    format!("{:?}, {nodes} nodes, estimated {:.1e}", chosen.element_order, chosen.error)
 }
 
-/// Against the mesh-free series, for either kind of elements and the cheaper of both.
+/// Against the mesh-free series, for either order of elements and the cheaper of both.
 ///
 /// The error may pass the requirement by a half: irregular meshes make the estimate one (the largest
 /// ratio found is in docs/VALIDATION.md). All coarser meshes of the search must miss it.
@@ -89,28 +90,29 @@ fn words(chosen: &ChosenMesh) -> String {
 fn chosen_meshes_of_the_disc_have_the_error_that_was_required() {
     let (protocol, impedance) = (protocol(), [IMPEDANCE_OHM_M; 16]);
     let exact = series(&protocol);
-    for kind in [None, Some(Elements::Linear), Some(Elements::Quadratic)] {
-        let accuracies: &[f64] = if kind == Some(Elements::Linear) {
+    for kind in [None, Some(ElementOrder::Linear), Some(ElementOrder::Quadratic)] {
+        let accuracies: &[f64] = if kind == Some(ElementOrder::Linear) {
             &[1e-2, 3e-3, 1e-3]
         } else {
             &[1e-2, 1e-3, 1e-4, 1e-5]
         };
         let mut nodes = 0;
         for &accuracy in accuracies {
-            let search = MeshSearch { elements: kind, ..search(&protocol, &impedance, accuracy) };
+            let search =
+                MeshSearch { element_order: kind, ..search(&protocol, &impedance, accuracy) };
             let chosen = search.run(disc).unwrap();
             let error = true_error(&chosen, &protocol, &exact);
             println!("{accuracy:.0e}: {}, true {error:.1e}", words(&chosen));
             assert!(chosen.error <= accuracy);
             assert!(error < 1.5 * accuracy, "{error:e} for {accuracy:e}");
-            assert!(kind.is_none_or(|kind| kind == chosen.elements));
+            assert!(kind.is_none_or(|kind| kind == chosen.element_order));
             // finer for more accuracy
             let found = chosen.mesh.surface().nodes().len();
             assert!(found >= nodes || kind.is_none());
             nodes = found;
             // all cheaper trials of the kind missed it
             let fewer = chosen.trials.iter().filter(|t| t.nodes < found);
-            let mut fewer = fewer.filter(|t| t.elements == chosen.elements);
+            let mut fewer = fewer.filter(|t| t.element_order == chosen.element_order);
             assert!(fewer.all(|t| t.error.unwrap() > accuracy));
         }
     }
@@ -155,13 +157,18 @@ fn chosen_meshes_of_a_plate_with_patches() {
     let fine = mesh(0.07).unwrap();
     println!("judged by {} nodes", fine.surface().nodes().len());
     let model =
-        ForwardModel::with_elements(&fine, &protocol, &impedance, Elements::Quadratic).unwrap();
+        ForwardModel::with_element_order(&fine, &protocol, &impedance, ElementOrder::Quadratic)
+            .unwrap();
     let exact = model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap();
     for accuracy in [1e-2, 1e-3, 1e-4] {
         let chosen = search(&protocol, &impedance, accuracy).run(mesh).unwrap();
-        let model =
-            ForwardModel::with_elements(&chosen.mesh, &protocol, &impedance, chosen.elements)
-                .unwrap();
+        let model = ForwardModel::with_element_order(
+            &chosen.mesh,
+            &protocol,
+            &impedance,
+            chosen.element_order,
+        )
+        .unwrap();
         let voltages = model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap();
         let error = largest(&(voltages - &exact)) / largest(&exact);
         println!("{accuracy:.0e}: {}, true {error:.1e}", words(&chosen));
@@ -176,9 +183,9 @@ fn shunts_are_searched_with_linear_elements() {
     let mut impedance = [IMPEDANCE_OHM_M; 16];
     impedance[3] = 0.0;
     let chosen = search(&protocol, &impedance, 5e-3).run(disc).unwrap();
-    assert_eq!(chosen.elements, Elements::Linear);
+    assert_eq!(chosen.element_order, ElementOrder::Linear);
     assert!(chosen.error <= 5e-3);
-    assert!(chosen.trials.iter().all(|t| t.elements == Elements::Linear));
+    assert!(chosen.trials.iter().all(|t| t.element_order == ElementOrder::Linear));
     println!("shunt: {}", words(&chosen));
 }
 

@@ -5,7 +5,7 @@ mod common;
 
 use common::{noise, ring_disc, round_disc, strip};
 use eit_fem::{
-    DrivenElectrodes, Elements, FemError, ForwardModel, PairPattern, PairProtocol, Protocol,
+    DrivenElectrodes, ElementOrder, FemError, ForwardModel, PairPattern, PairProtocol, Protocol,
 };
 use eit_mesh::{Electrode, Mesh, MeshSettings, RimElectrodes, SkinShape, Surface, generate};
 use ndarray::{Array1, Array2, aview1};
@@ -17,7 +17,7 @@ fn adjacent(electrodes: usize) -> Protocol {
 }
 
 fn quadratic(mesh: &Mesh, protocol: &Protocol, impedance: &[f64]) -> ForwardModel {
-    ForwardModel::with_elements(mesh, protocol, impedance, Elements::Quadratic).unwrap()
+    ForwardModel::with_element_order(mesh, protocol, impedance, ElementOrder::Quadratic).unwrap()
 }
 
 fn random_conductivity(model: &ForwardModel, seed: u64) -> Vec<f64> {
@@ -85,12 +85,13 @@ fn quadratic_potentials_are_exact() {
     let l = f64::sqrt(patch * sigma);
     let wanted = l / (sigma * width) / (length / l).tanh() + z / width;
     let skin = length / (3.0 * sigma * width);
-    let error = |elements: Elements| {
-        let model = ForwardModel::with_elements(&mesh, &protocol, &[z, patch], elements).unwrap();
+    let error = |elements: ElementOrder| {
+        let model =
+            ForwardModel::with_element_order(&mesh, &protocol, &[z, patch], elements).unwrap();
         let found = model.forward(&vec![sigma; model.elements()]).unwrap()[0];
         (found - wanted).abs() / skin
     };
-    let (linear, quadratic) = (error(Elements::Linear), error(Elements::Quadratic));
+    let (linear, quadratic) = (error(ElementOrder::Linear), error(ElementOrder::Quadratic));
     println!("linear {linear:.1e}, quadratic {quadratic:.1e}");
     // the part that is not quadratic is a thousandth, and its energy the square of that
     assert!(quadratic < 1e-5, "{quadratic:e}");
@@ -136,17 +137,18 @@ fn polygon_agrees_with_fine_linear_elements() {
     let skin = SkinShape::Polygon { outline_m: square(1.0), holes_m: vec![square(0.3)] };
     let electrodes = RimElectrodes::equally_spaced(8, 0.4);
     let protocol = PairProtocol { electrodes: 8, ..Default::default() }.protocol().unwrap();
-    let voltages = |nodes: usize, elements: Elements| -> Array1<f64> {
+    let voltages = |nodes: usize, elements: ElementOrder| -> Array1<f64> {
         let ends = 0.1 * (400.0 / nodes as f64).sqrt();
         let settings = MeshSettings { electrode_edge_m: Some(ends), ..Default::default() };
         let settings = settings.for_nodes(&skin, &electrodes, nodes).unwrap();
         let mesh = generate(&skin, &electrodes, &settings).unwrap();
-        let model = ForwardModel::with_elements(&mesh, &protocol, &[0.2; 8], elements).unwrap();
+        let model =
+            ForwardModel::with_element_order(&mesh, &protocol, &[0.2; 8], elements).unwrap();
         model.forward(&vec![1.0; model.elements()]).unwrap()
     };
-    let found = voltages(1500, Elements::Quadratic);
+    let found = voltages(1500, ElementOrder::Quadratic);
     let apart: Vec<f64> = [1500, 6000, 24000]
-        .map(|nodes| largest(&(voltages(nodes, Elements::Linear) - &found)) / largest(&found))
+        .map(|nodes| largest(&(voltages(nodes, ElementOrder::Linear) - &found)) / largest(&found))
         .to_vec();
     println!("linear elements are apart by {apart:?}");
     // linear elements come nearer with order two, as far as the quadratic ones are exact: the
@@ -328,7 +330,7 @@ fn same_input_same_bits() {
     let first = all(&model);
     assert_eq!(all(&model), first, "a used workspace");
     assert_eq!(all(&again), first, "a rebuilt model");
-    assert_eq!(model.element_kind(), Elements::Quadratic);
+    assert_eq!(model.element_order(), ElementOrder::Quadratic);
 }
 
 #[test]
@@ -338,7 +340,8 @@ fn what_quadratic_elements_cannot_do_is_said() {
     for (z, word) in [(0.0, "is 0"), (f64::INFINITY, "is inf")] {
         let mut impedance = [IMPEDANCE; 12];
         impedance[4] = z;
-        let model = ForwardModel::with_elements(&mesh, &protocol, &impedance, Elements::Quadratic);
+        let model =
+            ForwardModel::with_element_order(&mesh, &protocol, &impedance, ElementOrder::Quadratic);
         let message = model.unwrap_err().to_string();
         assert!(message.contains("electrode 5") && message.contains(word), "{message}");
         let model = quadratic(&mesh, &protocol, &[IMPEDANCE; 12]);
@@ -360,11 +363,11 @@ fn what_quadratic_elements_cannot_do_is_said() {
         let inwards = if edge == [a.min(b), a.max(b)] { 0.9 } else { 1.0 };
         p.map(|x| inwards * x)
     });
-    let model = ForwardModel::with_elements(
+    let model = ForwardModel::with_element_order(
         &bent.unwrap(),
         &protocol,
         &[IMPEDANCE; 12],
-        Elements::Quadratic,
+        ElementOrder::Quadratic,
     );
     assert!(matches!(model.unwrap_err(), FemError::FoldedElement { .. }));
 }

@@ -4,7 +4,7 @@
 mod common;
 
 use eit_fem::analytic::DiscSeries;
-use eit_fem::{Elements, ForwardModel, PairProtocol, Protocol};
+use eit_fem::{ElementOrder, ForwardModel, PairProtocol, Protocol};
 use eit_mesh::{Direction, Mesh, MeshSettings, Placement, RimElectrodes, SkinShape, generate};
 use ndarray::Array1;
 
@@ -44,8 +44,9 @@ fn protocol() -> Protocol {
     PairProtocol::default().protocol().unwrap()
 }
 
-fn voltages(mesh: &Mesh, elements: Elements) -> Array1<f64> {
-    let model = ForwardModel::with_elements(mesh, &protocol(), &impedance(), elements).unwrap();
+fn voltages(mesh: &Mesh, elements: ElementOrder) -> Array1<f64> {
+    let model =
+        ForwardModel::with_element_order(mesh, &protocol(), &impedance(), elements).unwrap();
     model.forward(&vec![CONDUCTIVITY_S; model.elements()]).unwrap()
 }
 
@@ -76,7 +77,7 @@ fn largest(values: &Array1<f64>) -> f64 {
 /// quadratic ones.
 fn check_orders(meshes: &[Mesh], exact: &Array1<f64>) -> f64 {
     let mut last = 0.0;
-    for (elements, least) in [(Elements::Linear, 1.8), (Elements::Quadratic, 3.8)] {
+    for (elements, least) in [(ElementOrder::Linear, 1.8), (ElementOrder::Quadratic, 3.8)] {
         let error = |mesh| largest(&(voltages(mesh, elements) - exact)) / largest(exact);
         let errors: Vec<f64> = meshes.iter().map(error).collect();
         let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();

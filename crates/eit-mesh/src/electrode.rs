@@ -105,9 +105,9 @@ impl Mesh {
     }
 
     /// [`Mesh::with_midpoints`] for the edges that the generator has cut from arcs.
-    pub(crate) fn with_arcs(mut self, middles: &[([u32; 2], [f64; 2])]) -> Self {
+    pub(crate) fn with_arcs(mut self, midpoints: &[([u32; 2], [f64; 2])]) -> Self {
         let flat = |&(edge, [x, y]): &([u32; 2], [f64; 2])| (sorted(edge), [x, y, 0.0]);
-        self.midpoints_m = middles.iter().map(flat).collect();
+        self.midpoints_m = midpoints.iter().map(flat).collect();
         self.midpoints_m.sort_unstable_by_key(|(edge, _)| *edge);
         self
     }

@@ -126,7 +126,7 @@ fn mesh(
     let mesh = Mesh::new(surface, placed.into_iter().map(|(_, electrode)| electrode).collect())?;
     match *shape {
         SkinShape::Hemisphere { radius_m } => mesh.with_midpoints(|_, p| onto_sphere(p, radius_m)),
-        _ => Ok(mesh.with_arcs(&rim.arc_middles)),
+        _ => Ok(mesh.with_arcs(&rim.arc_midpoints)),
     }
 }
 

@@ -563,9 +563,9 @@ proptest! {
     }
 }
 
-/// Edges on the rim of a disc know the middles of their arcs; every other edge is straight.
+/// Edges on the rim of a disc know the midpoints of their arcs; every other edge is straight.
 #[test]
-fn arcs_are_known_by_their_middles() {
+fn arcs_are_known_by_their_midpoints() {
     let settings = MeshSettings::with_edge(0.02);
     let mesh = generate(&DISC, &everyday(), &settings).unwrap();
     let node = |n: u32| mesh.surface().nodes()[n as usize];

@@ -139,7 +139,7 @@ fn the_number_of_nodes_is_met_with_patches() {
     assert!((nodes / 4000.0 - 1.0).abs() < 0.1, "{nodes}");
 }
 
-/// All nodes and middles of edges on the sphere, the rim at z = 0, area and electrode lengths to the
+/// All nodes and midpoints of edges on the sphere, the rim at z = 0, area and electrode lengths to the
 /// chords' part, and the angles of the flat mesh but for their part of the curvature.
 #[test]
 fn a_hemisphere_is_half_a_sphere() {

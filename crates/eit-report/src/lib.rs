@@ -9,7 +9,7 @@ pub mod output;
 pub mod reconstruct;
 pub mod report;
 pub mod settings;
-pub mod simulate;
+mod simulate;
 pub mod simulated;
 pub mod watched;
 

@@ -8,7 +8,7 @@ use crate::scene::{
 };
 use eit_fem::analytic::DiscSeries;
 use eit_fem::fabric::{Fabric, FabricSettings};
-use eit_fem::{Elements, ForwardModel, PairProtocol, Protocol, Solution, SolveReport, Workspace};
+use eit_fem::{ElementOrder, ForwardModel, PairProtocol, Protocol, Solution, SolveReport, Workspace};
 use eit_mesh::{Mesh, Raster};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
@@ -135,11 +135,11 @@ impl Skin {
         scene.check()?;
         scene.refuse_reactive()?;
         let Body { choice, protocol, source } = Body::of(scene, mesh, REAL_BYTES, progress)?;
-        let MeshChoice { mesh, elements, notes, accuracy } = choice;
+        let MeshChoice { mesh, element_order, notes, accuracy } = choice;
         let electrodes = mesh.electrodes().len();
         let contact_impedance = scene.contact_impedance(electrodes)?;
         let model = progress.stage("forward model", || {
-            ForwardModel::with_elements(&mesh, &protocol, &contact_impedance, elements)
+            ForwardModel::with_element_order(&mesh, &protocol, &contact_impedance, element_order)
         });
         let model = model.map_err(|e| SkinError::from(e).within(&scene.place))?;
         let has_pairs = protocol.quadruples().is_some() && !scene.has_quadruples_file();
@@ -177,9 +177,9 @@ impl Skin {
     pub fn with_nodes(&self, nodes: usize, progress: &mut Progress) -> Result<Self, SkinError> {
         let source = self.source.with_nodes(nodes)?;
         let BuiltMesh { mesh, notes } = progress.stage("mesh", || source.build())?;
-        let elements = self.model.element_kind();
+        let element_order = self.model.element_order();
         let model = progress.stage("forward model", || {
-            ForwardModel::with_elements(&mesh, &self.protocol, &self.contact_impedance, elements)
+            ForwardModel::with_element_order(&mesh, &self.protocol, &self.contact_impedance, element_order)
         })?;
         let parts = SkinModel {
             name: self.name.clone(),
@@ -285,9 +285,9 @@ impl Skin {
         rounding: f64,
         workspace: &'a mut Workspace,
     ) -> Result<Solution<'a>, SkinError> {
-        Ok(match self.parts.model.element_kind() {
-            Elements::Linear => self.parts.model.solve_to(conductivity_s, rounding, workspace)?,
-            Elements::Quadratic => self.parts.model.solve(conductivity_s, workspace)?,
+        Ok(match self.parts.model.element_order() {
+            ElementOrder::Linear => self.parts.model.solve_to(conductivity_s, rounding, workspace)?,
+            ElementOrder::Quadratic => self.parts.model.solve(conductivity_s, workspace)?,
         })
     }
 }

@@ -21,7 +21,7 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
     let out = OutFile::new(&args.out)?;
     let wanted = scene.mesh(args.nodes)?;
     let mut progress = progress::terminal();
-    let MeshChoice { mesh, elements, notes, accuracy } =
+    let MeshChoice { mesh, element_order, notes, accuracy } =
         scene.choose_mesh(&wanted, args.nodes.is_some(), &mut progress)?;
     let quality = Quality::of(&mesh);
     out.write(|writer| match format.as_str() {
@@ -44,13 +44,13 @@ pub(crate) fn run(args: &MeshArgs) -> Result<Answer, CliError> {
         "area_m2": quality.area_m2,
         "elements_per_electrode": quality.elements_per_electrode,
         "electrode_measures": measures(&mesh),
-        "elements": element_words(elements),
+        "elements": element_words(element_order),
         "accuracy": accuracy.as_ref().map(Accuracy::json),
         "mesh_notes": notes,
         "stages": progress.times(),
     });
     let chosen = accuracy.map_or_else(String::new, |accuracy| {
-        format!("\nfor {} elements: {}", element_words(elements), accuracy.words())
+        format!("\nfor {} elements: {}", element_words(element_order), accuracy.words())
     });
     Ok(Answer { text: format!("{quality}{chosen}\nwritten: {}", args.out.display()), json })
 }

@@ -17,7 +17,7 @@
 //! locality could gain 2 %. Blocks of 128 and 512 elements are 10 and 3 % slower.
 
 use super::solved_fields::{Potentials, SolvedFields};
-use crate::element::Elements;
+use crate::element::ElementOrder;
 use crate::element::gradient::gradient;
 use crate::model::ForwardModel;
 use ndarray::ArrayViewMut2;
@@ -47,7 +47,7 @@ impl Block {
 
     /// [`Block::size`] of the memory for a model.
     pub fn size_for(model: &ForwardModel) -> usize {
-        model.fields.slot_count() * model.dofs.kind.components() * STRIDE
+        model.fields.slot_count() * model.dofs.order.components() * STRIDE
     }
 
     /// Memory for a model.
@@ -143,9 +143,9 @@ fn each_product(
     block: &mut Block,
     take: impl FnMut(usize, usize, &[f64]),
 ) {
-    match solved.model.dofs.kind {
-        Elements::Linear => each_product_of::<3, 3, 2>(solved, block, take),
-        Elements::Quadratic => each_product_of::<6, 15, 5>(solved, block, take),
+    match solved.model.dofs.order {
+        ElementOrder::Linear => each_product_of::<3, 3, 2>(solved, block, take),
+        ElementOrder::Quadratic => each_product_of::<6, 15, 5>(solved, block, take),
     }
 }
 

@@ -25,8 +25,8 @@
 
 pub(crate) mod gradient;
 pub(crate) mod linear;
-pub(crate) mod middles;
+pub(crate) mod midside_nodes;
 mod order;
 pub(crate) mod quadratic;
 
-pub use order::Elements;
+pub use order::ElementOrder;

@@ -1,20 +1,20 @@
 //! Which finite elements potentials are made of.
 
-/// The kind of finite elements: how potentials run inside a triangle.
+/// The order of the finite elements: how potentials run inside a triangle.
 ///
 /// Conductivity is one value per triangle with either.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Elements {
+pub enum ElementOrder {
     /// Linear potentials, three nodes, straight edges (P1).
     #[default]
     Linear,
     /// Quadratic potentials, six nodes (P2). Edges follow the curve that the mesh knows
-    /// ([`Mesh::midpoint_m`](eit_mesh::Mesh::midpoint_m)) as parabolas through its middle. Solved in
+    /// ([`Mesh::midpoint_m`](eit_mesh::Mesh::midpoint_m)) as parabolas through its midpoint. Solved in
     /// `f64` only, with contact impedances above zero and finite.
     Quadratic,
 }
 
-impl Elements {
+impl ElementOrder {
     /// Nodes of one element.
     pub(crate) fn nodes(self) -> usize {
         match self {

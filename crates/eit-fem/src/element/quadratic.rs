@@ -1,7 +1,7 @@
 //! Quadratic triangles and edges, straight or curved (isoparametric).
 //!
-//! Nodes 0, 1, 2 are the corners, 3, 4, 5 the middles of edges 0-1, 1-2, 2-0. In barycentric
-//! coordinates `b` the shape functions are `b_i (2 b_i - 1)` for corners and `4 b_i b_j` for middles;
+//! Nodes 0, 1, 2 are the corners, 3, 4, 5 the midside nodes of edges 0-1, 1-2, 2-0. In barycentric
+//! coordinates `b` the shape functions are `b_i (2 b_i - 1)` for corners and `4 b_i b_j` for midside nodes;
 //! they map the reference triangle to the place of the element as they interpolate potentials.
 //! At each point of a quadrature rule the two tangents `t1, t2` of that map span the skin's tangent
 //! plane, in whose frame the gradient is taken as on a linear triangle with `e1 = t1`, `e2 = t2`.

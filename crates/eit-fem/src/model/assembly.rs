@@ -6,7 +6,7 @@
 
 use super::contact::Contact;
 use super::dof_map::DofMap;
-use crate::element::Elements;
+use crate::element::ElementOrder;
 use crate::element::gradient::pair;
 use crate::sparse::Pattern;
 
@@ -15,7 +15,7 @@ use crate::sparse::Pattern;
 pub(crate) struct Assembly {
     /// Where the matrix has entries.
     pub pattern: Pattern,
-    elements: Elements,
+    order: ElementOrder,
     /// For each element: entries of its pairs of nodes in the order of [`pair`], then diagonals.
     entries: Vec<u32>,
     /// Entry of each electrode term, in the order of `Contact::values`.
@@ -27,11 +27,11 @@ impl Assembly {
     pub fn new(dofs: &DofMap) -> Self {
         let contact_pairs = || dofs.contacts.iter().flat_map(|c| c.pairs());
         let pattern = Pattern::new(dofs.unknowns(), dofs.element_pairs().chain(contact_pairs()));
-        let count = dofs.elements() * (dofs.kind.pairs() + dofs.kind.nodes());
+        let count = dofs.elements() * (dofs.order.pairs() + dofs.order.nodes());
         let mut entries = Vec::with_capacity(count);
         dofs.element_pairs().for_each(|pair| entries.push(pattern.entry(pair)));
         let contact_entries = contact_pairs().map(|pair| pattern.entry(pair)).collect();
-        Self { pattern, elements: dofs.kind, entries, contact_entries }
+        Self { pattern, order: dofs.order, entries, contact_entries }
     }
 
     /// Adds up the electrode part of the values: it does not change with the conductivity.
@@ -65,9 +65,9 @@ impl Assembly {
         values: &mut [f64],
     ) {
         values.copy_from_slice(contact_values);
-        match self.elements {
-            Elements::Linear => self.add::<3, 3, 6>(stiffness, conductivity_s, values),
-            Elements::Quadratic => self.add::<6, 15, 21>(stiffness, conductivity_s, values),
+        match self.order {
+            ElementOrder::Linear => self.add::<3, 3, 6>(stiffness, conductivity_s, values),
+            ElementOrder::Quadratic => self.add::<6, 15, 21>(stiffness, conductivity_s, values),
         }
     }
 

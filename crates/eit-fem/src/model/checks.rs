@@ -1,6 +1,6 @@
 //! Impedances, conductivities and accuracies that make sense.
 
-use crate::element::Elements;
+use crate::element::ElementOrder;
 use crate::error::FemError;
 use std::cmp::Ordering::{Equal, Greater};
 
@@ -18,7 +18,7 @@ pub(crate) fn check_accuracy(required_accuracy: f64) -> Result<(), FemError> {
 
 /// One impedance per electrode, not negative; quadratic elements: above zero and finite.
 pub(crate) fn check_impedances(
-    elements: Elements,
+    order: ElementOrder,
     count: usize,
     contact_impedance: &[f64],
 ) -> Result<(), FemError> {
@@ -35,7 +35,7 @@ pub(crate) fn check_impedances(
         let (electrode, value) = (l + 1, contact_impedance[l]);
         return Err(FemError::BadContactImpedance { electrode, value });
     }
-    let limit = |z: &f64| elements == Elements::Quadratic && (*z == 0.0 || z.is_infinite());
+    let limit = |z: &f64| order == ElementOrder::Quadratic && (*z == 0.0 || z.is_infinite());
     match contact_impedance.iter().position(limit) {
         None => Ok(()),
         Some(l) => {

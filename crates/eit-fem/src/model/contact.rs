@@ -13,7 +13,7 @@
 //! `A/6`, `A/12`, `A/3`; for quadratic elements, straight or curved, they are taken by quadrature.
 
 use crate::element::linear::area_m2;
-use crate::element::middles::Middles;
+use crate::element::midside_nodes::MidsideNodes;
 use crate::element::quadratic::{edge_points, triangle_points};
 use eit_mesh::{Electrode, Surface};
 
@@ -36,12 +36,12 @@ impl Contact {
     pub fn new(
         surface: &Surface,
         electrode: &Electrode,
-        middles: &Middles,
+        midside_nodes: &MidsideNodes,
         potential: Option<u32>,
     ) -> Self {
         let nodes = |corners: &[u32]| {
             let mut nodes = Vec::with_capacity(2 * corners.len());
-            middles.extend(corners, &mut nodes);
+            midside_nodes.extend(corners, &mut nodes);
             nodes
         };
         let (patch, parts) = match electrode {

@@ -30,14 +30,14 @@ impl ForwardModel {
         geometry: &mut Geometry,
     ) -> Result<(), FemError> {
         geometry.check(&self.dofs, &self.assembly)?;
-        if nodes_m.len() != self.dofs.middles.mesh_nodes() {
+        if nodes_m.len() != self.dofs.midside_nodes.mesh_nodes() {
             return Err(FemError::WrongLength {
                 what: "node positions (one per node)",
                 found: nodes_m.len(),
-                wanted: self.dofs.middles.mesh_nodes(),
+                wanted: self.dofs.midside_nodes.mesh_nodes(),
             });
         }
-        check_impedances(self.dofs.kind, self.protocol().electrodes(), contact_impedance)?;
+        check_impedances(self.dofs.order, self.protocol().electrodes(), contact_impedance)?;
         if let Some(node) = nodes_m.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
             return Err(FemError::NonFinitePosition { node, position_m: nodes_m[node] });
         }
@@ -54,7 +54,7 @@ impl ForwardModel {
         geometry: &mut Geometry,
     ) -> Result<(), FemError> {
         geometry.check(&self.dofs, &self.assembly)?;
-        check_impedances(self.dofs.kind, self.protocol().electrodes(), contact_impedance)?;
+        check_impedances(self.dofs.order, self.protocol().electrodes(), contact_impedance)?;
         geometry.fill_contacts(&self.dofs, &self.assembly, contact_impedance);
         Ok(())
     }

@@ -4,9 +4,9 @@
 //! (0 V). Unknowns stand in elimination order from the start, so that nothing is permuted per solve.
 
 use super::contact::Contact;
-use crate::element::Elements;
+use crate::element::ElementOrder;
 use crate::element::gradient::node_pairs;
-use crate::element::middles::Middles;
+use crate::element::midside_nodes::MidsideNodes;
 use crate::error::FemError;
 use crate::sparse::graph::Adjacency;
 use crate::sparse::ordering::fill_reducing;
@@ -15,22 +15,22 @@ use eit_mesh::Mesh;
 /// Which unknowns the nodes of elements and electrodes are.
 #[derive(Debug)]
 pub(crate) struct DofMap {
-    pub kind: Elements,
-    pub middles: Middles,
+    pub order: ElementOrder,
+    pub midside_nodes: MidsideNodes,
     /// Electrodes, in unknowns.
     pub contacts: Vec<Contact>,
     /// Nodes of element after element, as unknowns.
     pub element_nodes: Vec<u32>,
-    /// Unknown of each mesh node, then of each middle.
+    /// Unknown of each mesh node, then of each midside node.
     pub unknown_of_node: Vec<u32>,
 }
 
 impl DofMap {
     /// Numbers the unknowns of a mesh.
-    pub fn new(mesh: &Mesh, kind: Elements) -> Result<Self, FemError> {
+    pub fn new(mesh: &Mesh, order: ElementOrder) -> Result<Self, FemError> {
         let surface = mesh.surface();
-        let middles = Middles::new(mesh, kind);
-        let nodes = middles.all_nodes();
+        let midside_nodes = MidsideNodes::new(mesh, order);
+        let nodes = midside_nodes.all_nodes();
         let ground = mesh.electrodes().len() - 1;
         let contacts: Vec<Contact> = mesh
             .electrodes()
@@ -38,25 +38,25 @@ impl DofMap {
             .enumerate()
             .map(|(l, electrode)| {
                 let potential = (l != ground).then_some((nodes + l) as u32);
-                Contact::new(surface, electrode, &middles, potential)
+                Contact::new(surface, electrode, &midside_nodes, potential)
             })
             .collect();
-        let mut element_nodes = Vec::with_capacity(surface.triangles().len() * kind.nodes());
-        surface.triangles().iter().for_each(|t| middles.extend(t, &mut element_nodes));
-        let graph = adjacency(kind, &element_nodes, &contacts, nodes);
+        let mut element_nodes = Vec::with_capacity(surface.triangles().len() * order.nodes());
+        surface.triangles().iter().for_each(|t| midside_nodes.extend(t, &mut element_nodes));
+        let graph = adjacency(order, &element_nodes, &contacts, nodes);
         let mut positions_m = surface.nodes().to_vec();
         positions_m.resize(nodes, [0.0; 3]);
-        let (of_nodes, of_middles) = positions_m.split_at_mut(surface.nodes().len());
-        middles.places(of_nodes, |middle, position_m| of_middles[middle] = position_m);
+        let (of_nodes, of_midside_nodes) = positions_m.split_at_mut(surface.nodes().len());
+        midside_nodes.places(of_nodes, |middle, position_m| of_midside_nodes[middle] = position_m);
         let unknown_of_node = fill_reducing(&graph, &positions_m)?;
         let contacts = contacts.iter().map(|c| c.renumbered(&unknown_of_node)).collect();
         element_nodes.iter_mut().for_each(|node| *node = unknown_of_node[*node as usize]);
-        Ok(Self { kind, middles, contacts, element_nodes, unknown_of_node })
+        Ok(Self { order, midside_nodes, contacts, element_nodes, unknown_of_node })
     }
 
     /// Number of elements.
     pub fn elements(&self) -> usize {
-        self.element_nodes.len() / self.kind.nodes()
+        self.element_nodes.len() / self.order.nodes()
     }
 
     /// Unknowns that are nodes: the first ones.
@@ -71,27 +71,27 @@ impl DofMap {
 
     /// Pairs of unknowns that elements join: element after element.
     pub fn element_pairs(&self) -> impl Iterator<Item = [u32; 2]> {
-        self.element_nodes.chunks_exact(self.kind.nodes()).flat_map(node_pairs)
+        self.element_nodes.chunks_exact(self.order.nodes()).flat_map(node_pairs)
     }
 }
 
 /// Neighbours of nodes, the first `count` unknowns, by elements and electrodes, without themselves:
 /// what a fill-reducing ordering reads.
 fn adjacency(
-    kind: Elements,
+    order: ElementOrder,
     element_nodes: &[u32],
     contacts: &[Contact],
     count: usize,
 ) -> Adjacency {
-    let triangles = element_nodes.len() / kind.nodes();
-    let mut links: Vec<(u32, u32)> = Vec::with_capacity(2 * kind.pairs() * triangles);
+    let triangles = element_nodes.len() / order.nodes();
+    let mut links: Vec<(u32, u32)> = Vec::with_capacity(2 * order.pairs() * triangles);
     let mut join = |i: u32, j: u32| {
         if i != j && (i.max(j) as usize) < count {
             links.push((i, j));
             links.push((j, i));
         }
     };
-    let element_pairs = element_nodes.chunks_exact(kind.nodes()).flat_map(node_pairs);
+    let element_pairs = element_nodes.chunks_exact(order.nodes()).flat_map(node_pairs);
     element_pairs.for_each(|[i, j]| join(i, j));
     contacts.iter().flat_map(|c| c.pairs()).for_each(|[i, j]| join(i, j));
     Adjacency::from_links(count, links)

@@ -17,7 +17,7 @@ use super::assembly::Assembly;
 use super::checks::{check_conductivity, check_impedances};
 use super::dof_map::DofMap;
 use super::geometry::Geometry;
-use crate::element::Elements;
+use crate::element::ElementOrder;
 use crate::error::FemError;
 use crate::protocol::{Fields, PatternEntries, Product, Protocol};
 use crate::sparse::{Cholesky, Pattern};
@@ -40,7 +40,7 @@ pub struct ForwardModel {
 /// Size and work of a model, known before any number is computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ModelCost {
-    /// Node (quadratic elements: and middle) and electrode potentials.
+    /// Node (quadratic elements: and midside node) and electrode potentials.
     pub unknowns: usize,
     /// Stored entries of the Cholesky factor, 8 bytes each.
     pub factor_entries: usize,
@@ -57,7 +57,7 @@ pub struct ModelCost {
 /// The system matrix of one conductivity, on the mesh's own node positions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SystemMatrix {
-    /// Where it has entries. Unknowns are node potentials (quadratic elements: and middles) in
+    /// Where it has entries. Unknowns are node potentials (quadratic elements: and midside nodes) in
     /// elimination order, then the potentials of all electrodes but the last, which is the ground.
     pub pattern: Pattern,
     /// One value for each entry, siemens.
@@ -81,10 +81,10 @@ impl ForwardModel {
         protocol: &Protocol,
         contact_impedance: &[f64],
     ) -> Result<Self, FemError> {
-        Self::with_elements(mesh, protocol, contact_impedance, Elements::Linear)
+        Self::with_element_order(mesh, protocol, contact_impedance, ElementOrder::Linear)
     }
 
-    /// [`ForwardModel::new`] with a kind of elements.
+    /// [`ForwardModel::new`] with elements of an order.
     ///
     /// Quadratic elements have four times the unknowns of linear ones on the same mesh, and in equal time
     /// 20 times smaller an error and more (`docs/PERFORMANCE.md`): take a coarser mesh. They follow curved rims and curved
@@ -93,14 +93,14 @@ impl ForwardModel {
     /// # Errors
     /// Those of [`ForwardModel::new`]; with quadratic elements impedances of zero and infinity, and
     /// elements that the curve of an edge turns over.
-    pub fn with_elements(
+    pub fn with_element_order(
         mesh: &Mesh,
         protocol: &Protocol,
         contact_impedance: &[f64],
-        elements: Elements,
+        order: ElementOrder,
     ) -> Result<Self, FemError> {
-        check_electrodes(mesh, protocol, contact_impedance, elements)?;
-        let dofs = DofMap::new(mesh, elements)?;
+        check_electrodes(mesh, protocol, contact_impedance, order)?;
+        let dofs = DofMap::new(mesh, order)?;
         let assembly = Assembly::new(&dofs);
         let geometry = Geometry::new(&dofs, &assembly, mesh.surface().nodes(), contact_impedance)?;
         Ok(Self {
@@ -119,9 +119,9 @@ impl ForwardModel {
         &self.protocol
     }
 
-    /// The kind of elements.
-    pub fn element_kind(&self) -> Elements {
-        self.dofs.kind
+    /// The order of the elements.
+    pub fn element_order(&self) -> ElementOrder {
+        self.dofs.order
     }
 
     /// Number of elements: the length of a conductivity.
@@ -150,7 +150,7 @@ impl ForwardModel {
     pub fn cost(&self) -> ModelCost {
         let products = self.fields.products.len();
         // a multiplication for each component, and one addition less
-        let per_element = (2 * self.dofs.kind.components() - 1) * products;
+        let per_element = (2 * self.dofs.order.components() - 1) * products;
         ModelCost {
             unknowns: self.unknowns(),
             factor_entries: self.cholesky.factor_entries(),
@@ -188,11 +188,11 @@ fn check_electrodes(
     mesh: &Mesh,
     protocol: &Protocol,
     contact_impedance: &[f64],
-    elements: Elements,
+    order: ElementOrder,
 ) -> Result<(), FemError> {
     let count = mesh.electrodes().len();
     if protocol.electrodes() != count {
         return Err(FemError::ElectrodeCount { protocol: protocol.electrodes(), mesh: count });
     }
-    check_impedances(elements, count, contact_impedance)
+    check_impedances(order, count, contact_impedance)
 }

@@ -11,7 +11,7 @@ use super::assembly::Assembly;
 use super::dof_map::DofMap;
 use crate::element::gradient::stiffness;
 use crate::element::linear::{area_m2, linear};
-use crate::element::{Elements, quadratic};
+use crate::element::{ElementOrder, quadratic};
 use crate::error::FemError;
 
 /// Triangles whose area is below this fraction of their longest edge squared are empty, as for
@@ -44,7 +44,7 @@ impl Geometry {
         nodes_m: &[[f64; 3]],
         contact_impedance: &[f64],
     ) -> Result<Self, FemError> {
-        let pairs = dofs.elements() * dofs.kind.pairs();
+        let pairs = dofs.elements() * dofs.order.pairs();
         let mut geometry = Self {
             elements: vec![0.0; pairs],
             stiffness: vec![0.0; pairs],
@@ -64,16 +64,16 @@ impl Geometry {
         nodes_m: &[[f64; 3]],
         contact_impedance: &[f64],
     ) -> Result<(), FemError> {
-        let (of_nodes, of_middles) = dofs.unknown_of_node.split_at(nodes_m.len());
+        let (of_nodes, of_midside_nodes) = dofs.unknown_of_node.split_at(nodes_m.len());
         for (position, &unknown) in nodes_m.iter().zip(of_nodes) {
             self.positions[unknown as usize] = *position;
         }
-        dofs.middles.places(nodes_m, |middle, position| {
-            self.positions[of_middles[middle] as usize] = position;
+        dofs.midside_nodes.places(nodes_m, |middle, position| {
+            self.positions[of_midside_nodes[middle] as usize] = position;
         });
-        match dofs.kind {
-            Elements::Linear => self.fill_elements(dofs, linear, |_| 1.0)?,
-            Elements::Quadratic => {
+        match dofs.order {
+            ElementOrder::Linear => self.fill_elements(dofs, linear, |_| 1.0)?,
+            ElementOrder::Quadratic => {
                 self.fill_elements(dofs, quadratic::coefficients, quadratic::least_stretch)?;
             }
         }
@@ -135,7 +135,7 @@ impl Geometry {
 
     /// That it belongs to a model of these sizes.
     pub(crate) fn check(&self, dofs: &DofMap, assembly: &Assembly) -> Result<(), FemError> {
-        let elements = self.elements.len() / dofs.kind.pairs();
+        let elements = self.elements.len() / dofs.order.pairs();
         let (values, entries) = (self.contact_values.len(), assembly.pattern.entries());
         let checks = [
             ("elements of the geometry", elements, dofs.elements()),

@@ -4,7 +4,7 @@ use super::solution::Solution;
 use crate::derivatives::conductivity::{self, JacobianValue};
 use crate::derivatives::displacement::Displacement;
 use crate::derivatives::{contact, movement};
-use crate::element::Elements;
+use crate::element::ElementOrder;
 use crate::error::FemError;
 use crate::model::ForwardModel;
 use ndarray::{Array2, ArrayViewMut2};
@@ -153,9 +153,9 @@ impl Solution<'_> {
 }
 
 fn check_linear(model: &ForwardModel, what: &'static str) -> Result<(), FemError> {
-    match model.dofs.kind {
-        Elements::Linear => Ok(()),
-        Elements::Quadratic => Err(FemError::LinearElementsOnly { what }),
+    match model.dofs.order {
+        ElementOrder::Linear => Ok(()),
+        ElementOrder::Quadratic => Err(FemError::LinearElementsOnly { what }),
     }
 }
 

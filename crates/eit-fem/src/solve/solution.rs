@@ -139,15 +139,15 @@ impl<'a> Solution<'a> {
     }
 
     /// Potentials inside the skin [stimulation, node], volt, on the scale of
-    /// [`Solution::electrode_potentials`], at the nodes of the mesh (not the middles of quadratic
-    /// elements).
+    /// [`Solution::electrode_potentials`], at the nodes of the mesh (not the midside nodes of
+    /// quadratic elements).
     pub fn node_potentials(&mut self) -> Array2<f64> {
         self.solve_fields();
         let model = self.model;
         let solves = model.fields.basis.nrows();
         let electrodes = model.protocol().electrodes();
         let stimulations = model.patterns.stimulations_a.len();
-        let mut result = Array2::zeros((stimulations, model.dofs.middles.mesh_nodes()));
+        let mut result = Array2::zeros((stimulations, model.dofs.midside_nodes.mesh_nodes()));
         for (s, mut row) in result.rows_mut().into_iter().enumerate() {
             // the constant between the two scales: the potential of the ground electrode, on the
             // accurate path of the skin under it

@@ -1,7 +1,7 @@
 //! The textbook path: the matrix assembled in `f64`, and what that may have cost.
 
 use super::workspace::Workspace;
-use crate::element::Elements;
+use crate::element::ElementOrder;
 use crate::error::FemError;
 use crate::model::{ForwardModel, Geometry};
 
@@ -18,7 +18,7 @@ pub(super) fn plain_suffices(
     }
     let solved = plain(model, geometry, conductivity_s, workspace);
     let Some(required) = required_accuracy else { return solved.map(|()| true) };
-    if model.dofs.kind == Elements::Linear {
+    if model.dofs.order == ElementOrder::Linear {
         // whatever stops the plain path, the other one may not know
         return Ok(solved.is_ok_and(|()| loss(model, workspace) <= required));
     }

@@ -16,7 +16,7 @@ use std::f64::consts::PI;
 pub(super) fn widen(rim: &mut Rim, discs: &[Disc]) {
     for (k, disc) in discs.iter().enumerate() {
         let nodes = loop_nodes(&rim.starts, discs.len(), k);
-        rim.arc_middles.retain(|(edge, _)| !nodes.contains(&(edge[0] as usize)));
+        rim.arc_midpoints.retain(|(edge, _)| !nodes.contains(&(edge[0] as usize)));
         let points = &mut rim.points[nodes];
         let from_centre = |p: [f64; 2]| [p[0] - disc.centre_m[0], p[1] - disc.centre_m[1]];
         let count = points.len();

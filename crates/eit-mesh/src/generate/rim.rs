@@ -17,8 +17,8 @@ pub(crate) struct Rim {
     pub electrodes: Vec<Vec<[u32; 2]>>,
     /// First node of each loop, and the number of nodes.
     pub starts: Vec<usize>,
-    /// Edges that stand for arcs, and the middles of those.
-    pub arc_middles: Vec<([u32; 2], [f64; 2])>,
+    /// Edges that stand for arcs, and the midpoints of those.
+    pub arc_midpoints: Vec<([u32; 2], [f64; 2])>,
 }
 
 /// An edge may be this much longer than the distance to the opposite part of the outline: the
@@ -143,7 +143,7 @@ fn number(outline: &Outline, cuts: &[Vec<f64>], electrodes: &[RimInterval]) -> R
         points: Vec::new(),
         edges: Vec::new(),
         electrodes: electrode_edges,
-        arc_middles: Vec::new(),
+        arc_midpoints: Vec::new(),
         starts: vec![0],
     };
     for (index, (l, cut)) in outline.loops().iter().zip(cuts).enumerate() {
@@ -157,7 +157,7 @@ fn number(outline: &Outline, cuts: &[Vec<f64>], electrodes: &[RimInterval]) -> R
             rim.edges.push(edge);
             let middle = s_m + 0.5 * (cut[next] - s_m).rem_euclid(l.length_m());
             if l.bends_at(middle) {
-                rim.arc_middles.push((edge, l.point_at(middle)));
+                rim.arc_midpoints.push((edge, l.point_at(middle)));
             }
             let covers =
                 |e: &RimInterval| (middle - e.start_m).rem_euclid(l.length_m()) < e.width_m;

@@ -13,7 +13,7 @@ use super::stage::{Stage, scale, store_rate};
 use crate::method::Method;
 use crate::reactive::ReactiveSkin;
 use crate::skin::Skin;
-use eit_fem::{Elements, SolvePath};
+use eit_fem::{ElementOrder, SolvePath};
 use eit_mesh::{Mesh, Quality};
 
 /// The stages of a method, in the order of the work.
@@ -143,9 +143,9 @@ impl Sizes<'_> {
         let entries = cost.factor_entries as f64;
         let solves = cost.field_solves as f64;
         let sweep = 2.0 * entries * solves;
-        let kind = match skin.model.element_kind() {
-            Elements::Linear => "",
-            Elements::Quadratic => "quadratic elements; ",
+        let kind = match skin.model.element_order() {
+            ElementOrder::Linear => "",
+            ElementOrder::Quadratic => "quadratic elements; ",
         };
         vec![
             mesh_stage(skin.source.is_file(), &skin.mesh),

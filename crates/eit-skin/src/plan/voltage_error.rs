@@ -3,7 +3,7 @@
 use crate::error::SkinError;
 use crate::scene::{Accuracy, element_words};
 use crate::skin::Skin;
-use eit_fem::{Elements, ModelCost};
+use eit_fem::{ElementOrder, ModelCost};
 use serde_json::{Value, json};
 
 /// Degree of the mesh-free series: the two digits printed do not change from degree 8 to 24 on the
@@ -22,7 +22,7 @@ pub struct VoltageError {
     /// Whether the mesh was chosen for the noise.
     by_noise: bool,
     accuracy: Option<Accuracy>,
-    elements: Elements,
+    elements: ElementOrder,
     cost: ModelCost,
 }
 
@@ -30,7 +30,7 @@ impl VoltageError {
     /// By the mesh-free series where there is one, else by better elements or a finer mesh.
     pub fn of(skin: &Skin, found: &[f64]) -> Result<Self, SkinError> {
         let largest = found.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        let elements = skin.model.element_kind();
+        let elements = skin.model.element_order();
         let chosen = skin.accuracy.as_ref().map(|accuracy| accuracy.error);
         let (of_mesh, against) = match (skin.series_voltages(PLAN_DEGREE)?, chosen) {
             (Some(exact), _) => {
@@ -42,8 +42,8 @@ impl VoltageError {
             (None, None) => (
                 skin.mesh_error()?,
                 match elements {
-                    Elements::Linear => "quadratic elements on the same mesh",
-                    Elements::Quadratic => "quadratic elements on twice the nodes",
+                    ElementOrder::Linear => "quadratic elements on the same mesh",
+                    ElementOrder::Quadratic => "quadratic elements on twice the nodes",
                 },
             ),
         };

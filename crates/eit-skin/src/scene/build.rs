@@ -6,17 +6,17 @@ use super::{
     Shape, plain,
 };
 use crate::error::SkinError;
-use eit_fem::{Elements, RequiredAccuracy};
+use eit_fem::{ElementOrder, RequiredAccuracy};
 use eit_mesh::{MeshSettings, PlacedElectrode, Placement, RimElectrodes, SkinShape};
 
 impl Scene {
-    /// The kind of finite elements that the scene names, or asks for: derivatives along movement of
+    /// The order of the finite elements that the scene names, or asks for: derivatives along movement of
     /// electrodes are those of linear ones.
-    pub fn elements(&self) -> Option<Elements> {
+    pub fn element_order(&self) -> Option<ElementOrder> {
         match self.mesh.elements {
-            Some(ElementKind::Linear) => Some(Elements::Linear),
-            Some(ElementKind::Quadratic) => Some(Elements::Quadratic),
-            None => self.reconstruction.electrode_movement_m.map(|_| Elements::Linear),
+            Some(ElementKind::Linear) => Some(ElementOrder::Linear),
+            Some(ElementKind::Quadratic) => Some(ElementOrder::Quadratic),
+            None => self.reconstruction.electrode_movement_m.map(|_| ElementOrder::Linear),
         }
     }
 

@@ -4,7 +4,7 @@ use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::scene::{BuiltMesh, MeshSource, RequiredAccuracyKey, Scene};
 use crate::skin::Skin;
-use eit_fem::{Elements, MeshSearch, MeshTrial, Protocol, RequiredAccuracy};
+use eit_fem::{ElementOrder, MeshSearch, MeshTrial, Protocol, RequiredAccuracy};
 use eit_mesh::Mesh;
 use serde_json::{Value, json};
 
@@ -18,7 +18,7 @@ pub struct MeshChoice {
     /// The mesh.
     pub mesh: Mesh,
     /// Its elements.
-    pub elements: Elements,
+    pub element_order: ElementOrder,
     /// What was mended in the mesh file.
     pub notes: Vec<String>,
     /// `None` where the scene requires nothing.
@@ -58,7 +58,7 @@ impl Accuracy {
         let one = |trial: &MeshTrial| {
             json!({
                 "nodes": trial.nodes,
-                "elements": element_words(trial.elements),
+                "elements": element_words(trial.element_order),
                 "unknowns": trial.cost.unknowns,
                 "factor_flops": trial.cost.factor_flops,
                 "estimated_error": trial.error,
@@ -73,10 +73,10 @@ impl Accuracy {
 }
 
 /// Name of a kind of elements.
-pub fn element_words(elements: Elements) -> &'static str {
-    match elements {
-        Elements::Linear => "linear",
-        Elements::Quadratic => "quadratic",
+pub fn element_words(element_order: ElementOrder) -> &'static str {
+    match element_order {
+        ElementOrder::Linear => "linear",
+        ElementOrder::Quadratic => "quadratic",
     }
 }
 
@@ -99,8 +99,8 @@ impl Scene {
         let made = progress.stage("mesh", || source.build());
         let BuiltMesh { mesh, notes } = made.map_err(|e| e.within(&self.place))?;
         notes.iter().for_each(|note| progress.note(note));
-        let elements = self.elements().unwrap_or_default();
-        let fixed = MeshChoice { mesh, elements, notes, accuracy: None };
+        let element_order = self.element_order().unwrap_or_default();
+        let fixed = MeshChoice { mesh, element_order, notes, accuracy: None };
         match required.filter(|_| !fixed.mesh.electrodes().is_empty()) {
             Some(required) => progress.stage("choice of elements", || self.judged(fixed, required)),
             None => Ok(fixed),
@@ -121,7 +121,7 @@ impl Scene {
         let found = found.map_err(|error: SkinError| error.within(&self.place))?;
         Ok(MeshChoice {
             mesh: found.mesh,
-            elements: found.elements,
+            element_order: found.element_order,
             notes: Vec::new(),
             accuracy: Some(Accuracy {
                 by_noise: self.is_by_noise(),
@@ -132,7 +132,7 @@ impl Scene {
         })
     }
 
-    /// Elements for a mesh that is what it is: linear ones where they suffice.
+    /// ElementOrder for a mesh that is what it is: linear ones where they suffice.
     fn judged(
         &self,
         fixed: MeshChoice,
@@ -145,7 +145,7 @@ impl Scene {
         let found =
             search.of_linear(&fixed.mesh).map_err(|e| SkinError::from(e).within(&self.place))?;
         let suffices = found.error <= found.required;
-        if !suffices && self.elements() == Some(Elements::Linear) {
+        if !suffices && self.element_order() == Some(ElementOrder::Linear) {
             return Err(SkinError::input(format!(
                 "linear elements on this mesh have an error of {:.1e} of the largest voltage, and \
                  {:.1e} is required: take mesh.elements out, or a finer mesh",
@@ -153,16 +153,16 @@ impl Scene {
             ))
             .within(&self.place));
         }
-        let linear = suffices && self.elements() != Some(Elements::Quadratic);
-        let (elements, error) = if linear {
-            (Elements::Linear, Some(found.error))
+        let linear = suffices && self.element_order() != Some(ElementOrder::Quadratic);
+        let (element_order, error) = if linear {
+            (ElementOrder::Linear, Some(found.error))
         } else {
-            (Elements::Quadratic, None)
+            (ElementOrder::Quadratic, None)
         };
         let by_noise = self.is_by_noise();
         let required = found.required;
         let accuracy = Some(Accuracy { by_noise, required, error, trials: Vec::new() });
-        Ok(MeshChoice { elements, accuracy, ..fixed })
+        Ok(MeshChoice { element_order, accuracy, ..fixed })
     }
 
     /// The search that a scene asks for.
@@ -177,7 +177,7 @@ impl Scene {
             contact_impedance,
             conductivity_s: self.skin.conductivity_s,
             required,
-            elements: self.elements(),
+            element_order: self.element_order(),
             most_nodes: self.mesh.node_limit.unwrap_or(MOST_NODES),
         }
     }
@@ -206,13 +206,13 @@ impl Skin {
             contact_impedance: impedance,
             conductivity_s: self.conductivity_s,
             required: RequiredAccuracy::Relative(0.5),
-            elements: None,
+            element_order: None,
             most_nodes: MOST_NODES,
         };
-        let estimate = match self.model.element_kind() {
-            Elements::Linear => search.of_linear(&self.mesh)?.error,
-            Elements::Quadratic if self.source.is_file() => return Ok(None),
-            Elements::Quadratic => {
+        let estimate = match self.model.element_order() {
+            ElementOrder::Linear => search.of_linear(&self.mesh)?.error,
+            ElementOrder::Quadratic if self.source.is_file() => return Ok(None),
+            ElementOrder::Quadratic => {
                 let nodes = 2 * self.mesh.surface().nodes().len();
                 let finer = self.source.with_nodes(nodes)?.build()?;
                 search.of_quadratic(&self.mesh, &finer.mesh)?.error

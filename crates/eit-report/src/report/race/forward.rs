@@ -18,7 +18,7 @@ use super::point::Spread;
 use super::skins::Skin;
 use super::{How, Size};
 use crate::error::ReportError;
-use eit_fem::{Elements, ForwardModel};
+use eit_fem::{ElementOrder, ForwardModel};
 use eit_mesh::{Mesh, MeshSettings};
 use ndarray::{Array1, Array2};
 use reference::Reference;
@@ -32,8 +32,8 @@ pub(super) const OURS: &str = "ours";
 
 /// Kinds of elements, their names, and the most nodes of a mesh that each is tried on: about as much
 /// time.
-const ELEMENTS: [(Elements, &str, usize); 2] =
-    [(Elements::Linear, "linear", 30_000), (Elements::Quadratic, "quadratic", 15_000)];
+const ELEMENTS: [(ElementOrder, &str, usize); 2] =
+    [(ElementOrder::Linear, "linear", 30_000), (ElementOrder::Quadratic, "quadratic", 15_000)];
 
 /// Largest mesh that the peers solve on: pyEIT takes seconds there.
 const PEER_NODES: usize = 2_000;
@@ -179,7 +179,7 @@ struct Lane<'a> {
 impl Lane<'_> {
     fn own(
         &self,
-        (elements, name): (Elements, &'static str),
+        (elements, name): (ElementOrder, &'static str),
         size: &Size,
     ) -> Result<ForwardPoint, ReportError> {
         let model = self.sheet.model(self.mesh, elements)?;
@@ -222,7 +222,7 @@ impl Lane<'_> {
 
     /// The peers' linear elements on this mesh.
     fn peers(&self, python: &Path) -> Result<Vec<ForwardPoint>, ReportError> {
-        let model = self.sheet.model(self.mesh, Elements::Linear)?;
+        let model = self.sheet.model(self.mesh, ElementOrder::Linear)?;
         let impedance = self.sheet.scene.contact_impedance(self.mesh.electrodes().len())?;
         let sigma = self.sheet.conductivity_s(self.mesh);
         let given = (model.protocol(), impedance.as_slice(), sigma.as_slice());

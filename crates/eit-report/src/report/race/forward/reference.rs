@@ -4,7 +4,7 @@
 
 use super::sheet::Sheet;
 use crate::error::ReportError;
-use eit_fem::Elements;
+use eit_fem::ElementOrder;
 use eit_skin::Skin;
 use ndarray::Array1;
 
@@ -67,7 +67,7 @@ impl Reference {
 /// Voltages of quadratic elements on a reference mesh, and its nodes.
 fn meshed(sheet: &Sheet, scale: f64) -> Result<(Array1<f64>, usize), ReportError> {
     let mesh = sheet.reference_mesh(scale)?;
-    let model = sheet.model(&mesh, Elements::Quadratic)?;
+    let model = sheet.model(&mesh, ElementOrder::Quadratic)?;
     let voltages = model.forward(&sheet.conductivity_s(&mesh))?;
     Ok((voltages, mesh.surface().nodes().len()))
 }

@@ -9,7 +9,7 @@
 use super::super::skins::Skin;
 use crate::error::ReportError;
 use crate::simulate::{Finger, MovieSettings, TouchMovie};
-use eit_fem::{Elements, ForwardModel};
+use eit_fem::{ElementOrder, ForwardModel};
 use eit_mesh::{Contact, Mesh, MeshSettings, SkinShape};
 use eit_skin::scene::{ElectrodeSource, MeshSource, Scene};
 
@@ -162,11 +162,11 @@ impl Sheet {
         }
     }
 
-    pub fn model(&self, mesh: &Mesh, elements: Elements) -> Result<ForwardModel, ReportError> {
+    pub fn model(&self, mesh: &Mesh, elements: ElementOrder) -> Result<ForwardModel, ReportError> {
         let electrodes = mesh.electrodes().len();
         let protocol = self.scene.protocol(electrodes)?;
         let impedance = self.scene.contact_impedance(electrodes)?;
-        Ok(ForwardModel::with_elements(mesh, &protocol, &impedance, elements)?)
+        Ok(ForwardModel::with_element_order(mesh, &protocol, &impedance, elements)?)
     }
 }
 

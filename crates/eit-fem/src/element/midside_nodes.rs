@@ -1,41 +1,41 @@
-//! Nodes of elements beside those of the mesh: the middles of edges, for quadratic elements.
+//! Midside nodes: the nodes of quadratic elements beside those of the mesh, one on each edge.
 //!
-//! Middles are numbered after the mesh's nodes, by their edges (smaller node first, ascending). Where
-//! the mesh knows a curve, the middle is off the straight one by a *bend*, kept in the frame of a
-//! triangle at the edge: its two sides and its normal times the square root of twice its area. So a
-//! bend turns, grows and stretches with the skin when nodes move.
+//! They are numbered after the mesh's nodes, by their edges (smaller node first, ascending). Where the
+//! mesh knows a curve, a midside node lies off the midpoint of its straight edge by an *offset*, kept in
+//! the frame of a triangle at the edge: its two sides and its normal times the square root of twice its
+//! area. So the offset turns, grows and stretches with the skin when nodes move.
 
-use super::order::Elements;
+use super::order::ElementOrder;
 use crate::vector::{cross, dot, norm, sub};
 use eit_mesh::Mesh;
 
-/// The middles of a mesh's edges; none for linear elements.
+/// The midside nodes of a mesh; none for linear elements.
 #[derive(Debug)]
-pub(crate) struct Middles {
+pub(crate) struct MidsideNodes {
     mesh_nodes: usize,
-    /// The edge of each middle.
+    /// The edge of each midside node.
     edges: Vec<[u32; 2]>,
-    bends: Vec<Bend>,
+    offsets: Vec<Offset>,
 }
 
-/// How a middle is off the straight one.
+/// How a midside node is off the middle of its straight edge.
 #[derive(Debug)]
-struct Bend {
-    middle: u32,
+struct Offset {
+    node: u32,
     /// A triangle at the edge, the edge first.
     corners: [u32; 3],
     /// Along its sides 0-1 and 0-2, and its normal.
     coefficients: [f64; 3],
 }
 
-impl Middles {
-    /// The middles that elements of a kind need.
-    pub fn new(mesh: &Mesh, elements: Elements) -> Self {
+impl MidsideNodes {
+    /// The midside nodes that elements of an order need.
+    pub fn new(mesh: &Mesh, order: ElementOrder) -> Self {
         let surface = mesh.surface();
-        let mut middles =
-            Self { mesh_nodes: surface.nodes().len(), edges: Vec::new(), bends: Vec::new() };
-        if elements == Elements::Linear {
-            return middles;
+        let mut midside_nodes =
+            Self { mesh_nodes: surface.nodes().len(), edges: Vec::new(), offsets: Vec::new() };
+        if order == ElementOrder::Linear {
+            return midside_nodes;
         }
         let side = |t: &[u32; 3], k: usize| [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
         let mut sides: Vec<([u32; 2], [u32; 3])> = surface
@@ -49,13 +49,17 @@ impl Middles {
         for (index, (edge, corners)) in sides.iter().enumerate() {
             if let Some(position) = mesh.midpoint_m(*edge) {
                 let places = corners.map(|n| surface.nodes()[n as usize]);
-                let bend = sub(position, mean(places[0], places[1]));
-                let coefficients = in_frame(places, bend);
-                middles.bends.push(Bend { middle: index as u32, corners: *corners, coefficients });
+                let offset = sub(position, mean(places[0], places[1]));
+                let coefficients = in_frame(places, offset);
+                midside_nodes.offsets.push(Offset {
+                    node: index as u32,
+                    corners: *corners,
+                    coefficients,
+                });
             }
         }
-        middles.edges = sides.into_iter().map(|(edge, _)| edge).collect();
-        middles
+        midside_nodes.edges = sides.into_iter().map(|(edge, _)| edge).collect();
+        midside_nodes
     }
 
     /// Nodes of the mesh.
@@ -63,13 +67,13 @@ impl Middles {
         self.mesh_nodes
     }
 
-    /// Nodes of the mesh and middles.
+    /// Nodes of the mesh and midside nodes.
     pub fn all_nodes(&self) -> usize {
         self.mesh_nodes + self.edges.len()
     }
 
     /// Appends the nodes of an element (three corners) or of an electrode's edge (two ends): these
-    /// and, where there are middles, the middles of the sides in order.
+    /// and, where there are any, the midside nodes of the sides in order.
     pub fn extend(&self, corners: &[u32], nodes: &mut Vec<u32>) {
         nodes.extend_from_slice(corners);
         let sides = if corners.len() == 2 { 1 } else { corners.len() };
@@ -81,15 +85,15 @@ impl Middles {
         nodes.extend((0..sides).filter_map(middle));
     }
 
-    /// Hands every middle (counted from 0) and its place to `visit`, for mesh nodes at `nodes_m`.
+    /// Hands every midside node (counted from 0) and its place to `visit`, for mesh nodes at `nodes_m`.
     pub fn places(&self, nodes_m: &[[f64; 3]], mut visit: impl FnMut(usize, [f64; 3])) {
-        let mut bends = self.bends.iter().peekable();
+        let mut offsets = self.offsets.iter().peekable();
         for (index, edge) in self.edges.iter().enumerate() {
             let [a, b] = edge.map(|n| nodes_m[n as usize]);
             let mut place = mean(a, b);
-            if let Some(bend) = bends.next_if(|bend| bend.middle as usize == index) {
-                let frame = frame(bend.corners.map(|n| nodes_m[n as usize]));
-                for (axis, coefficient) in frame.iter().zip(bend.coefficients) {
+            if let Some(offset) = offsets.next_if(|offset| offset.node as usize == index) {
+                let frame = frame(offset.corners.map(|n| nodes_m[n as usize]));
+                for (axis, coefficient) in frame.iter().zip(offset.coefficients) {
                     place.iter_mut().zip(axis).for_each(|(p, x)| *p += coefficient * x);
                 }
             }
