@@ -1,11 +1,15 @@
 //! `eit report`: error against run time of every method, their quality over noise, how well touches
 //! are found, and what a U-net makes of it, all on simulated touches of built-in skins.
 
-mod bench;
+mod benchmark;
 mod denoise;
+mod markdown;
+mod named_net;
 mod quality;
-mod race;
+mod reconstruction_model;
 mod scores;
+mod solver;
+mod statistics;
 mod table;
 mod touches;
 
@@ -42,37 +46,30 @@ const FILES: [&str; 22] = [
     "denoised.png",
 ];
 
-/// Runs the race, the table of quality, the touch figures or those of nets.
+/// Runs the benchmark of error against run time, or instead the part that the settings name: tables of
+/// quality, touch figures, or U-nets.
+///
+/// # Errors
+///
+/// Settings that name no scene, weights that cannot be read, a folder that cannot be written to;
+/// failures of the solvers that a part cannot do without.
 pub fn run(
-    args: &ReportSettings,
+    settings: &ReportSettings,
     stop: &StopFlag,
     progress: &mut Progress,
 ) -> Result<Answer, ReportError> {
-    if !(args.quality || args.denoise) && args.touches.is_empty() {
-        return race::run(args, stop, progress);
+    let files: Vec<&str> = FILES.into_iter().chain(benchmark::pictures()).collect();
+    if !(settings.quality || settings.denoise) && settings.touches.is_empty() {
+        return benchmark::run(settings, &files, stop, progress);
     }
-    let mut out = OutFolder::new(&args.out)?;
-    let answer = if args.quality {
-        quality::run(args.quick, &mut out, progress)?
-    } else if args.denoise {
-        denoise::run(args, &mut out, progress)?
+    let mut out = OutFolder::new(&settings.out)?;
+    let answer = if settings.quality {
+        quality::run(settings.quick, &mut out, progress)?
+    } else if settings.denoise {
+        denoise::run(settings, &mut out, progress)?
     } else {
-        touches::run((&args.touches, args.quick), &mut out, progress)?
+        touches::run(&settings.touches, settings.quick, &mut out, progress)?
     };
-    out.commit(&files())?;
+    out.commit(&files)?;
     Ok(answer)
-}
-
-/// Names of every file of the report: a run removes those that it does not make.
-fn files() -> Vec<&'static str> {
-    FILES.into_iter().chain(race::pictures()).collect()
-}
-
-/// A Markdown table.
-fn markdown(head: &[&str], rows: &[Vec<String>]) -> String {
-    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
-    let names: Vec<String> = head.iter().map(|name| (*name).to_owned()).collect();
-    let rule = format!("|{}\n", "---|".repeat(head.len()));
-    let body: String = rows.iter().map(|row| line(row)).collect();
-    format!("{}{rule}{body}", line(&names))
 }

@@ -137,8 +137,12 @@ fn from_model(
     let protocol = Protocol::from_quadruples(electrodes, wanted, instrument.current_a)
         .map_err(|e| mismatch(skin, instrument, &e.to_string()))?;
     let element_order = skin.model.element_order();
-    let model =
-        ForwardModel::with_element_order(&skin.mesh, &protocol, &skin.contact_impedance, element_order)?;
+    let model = ForwardModel::with_element_order(
+        &skin.mesh,
+        &protocol,
+        &skin.contact_impedance,
+        element_order,
+    )?;
     let background = vec![skin.conductivity_s; model.elements()];
     let voltages = progress.stage("voltages", || {
         let mut workspace = model.workspace()?;

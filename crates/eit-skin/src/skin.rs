@@ -8,7 +8,9 @@ use crate::scene::{
 };
 use eit_fem::analytic::DiscSeries;
 use eit_fem::fabric::{Fabric, FabricSettings};
-use eit_fem::{ElementOrder, ForwardModel, PairProtocol, Protocol, Solution, SolveReport, Workspace};
+use eit_fem::{
+    ElementOrder, ForwardModel, PairProtocol, Protocol, Solution, SolveReport, Workspace,
+};
 use eit_mesh::{Mesh, Raster};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
@@ -179,7 +181,12 @@ impl Skin {
         let BuiltMesh { mesh, notes } = progress.stage("mesh", || source.build())?;
         let element_order = self.model.element_order();
         let model = progress.stage("forward model", || {
-            ForwardModel::with_element_order(&mesh, &self.protocol, &self.contact_impedance, element_order)
+            ForwardModel::with_element_order(
+                &mesh,
+                &self.protocol,
+                &self.contact_impedance,
+                element_order,
+            )
         })?;
         let parts = SkinModel {
             name: self.name.clone(),
@@ -286,7 +293,9 @@ impl Skin {
         workspace: &'a mut Workspace,
     ) -> Result<Solution<'a>, SkinError> {
         Ok(match self.parts.model.element_order() {
-            ElementOrder::Linear => self.parts.model.solve_to(conductivity_s, rounding, workspace)?,
+            ElementOrder::Linear => {
+                self.parts.model.solve_to(conductivity_s, rounding, workspace)?
+            }
             ElementOrder::Quadratic => self.parts.model.solve(conductivity_s, workspace)?,
         })
     }

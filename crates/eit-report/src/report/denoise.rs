@@ -1,114 +1,80 @@
-//! What U-nets make of images: error before and after, touches lost and invented.
+//! U-nets on held-out sequences: error of the images before and after, touches lost and invented.
 
-mod cases;
-mod judge;
+mod held_out;
 mod pictures;
+mod scores;
+mod variants;
 
-use super::table::Table;
-use super::{Answer, table};
+use super::named_net::NamedNet;
+use super::table::{self, Table, TableReport};
+use crate::Answer;
 use crate::error::ReportError;
 use crate::output::OutFolder;
 use crate::settings::ReportSettings;
-use cases::{Sequence, sequences};
-use eit_denoise::ThresholdRule;
-use eit_skin::denoise::{Chain, Chained, Check, Lengths, Net};
+use eit_skin::denoise::{Chain, Lengths, Net};
 use eit_skin::scene::DenoiseSettings;
 use eit_skin::{MeshOverride, Progress, Scene, Skin};
-use judge::{Judge, Tally};
-use ndarray::{Array3, Axis};
-
-/// Frames before the first touch.
-const QUIET: usize = 20;
-
-/// Images of a sequence by one way.
-struct Way {
-    /// "raw", "rule", a net, or a net that was checked.
-    name: String,
-    images: Array3<f64>,
-    /// Part of the frames in which a net was not believed; `None` for what is no checked net.
-    aside: Option<f64>,
-}
-
-/// A sequence by every way.
-struct Shown {
-    sequence: Sequence,
-    ways: Vec<Way>,
-}
+use held_out::QUIET_FRAMES;
+use scores::{Evaluation, VariantScores};
+use variants::{ImageVariant, ImagedSequence, variants};
 
 /// Simulates every case, reconstructs, denoises with each net, compares.
 pub(super) fn run(
-    args: &ReportSettings,
+    settings: &ReportSettings,
     out: &mut OutFolder,
     progress: &mut Progress,
 ) -> Result<Answer, ReportError> {
     let skin = Skin::set_up(&Scene::load("paper-disc")?, &MeshOverride::default(), progress)?;
     let load = |name: &String| {
         let settings = DenoiseSettings { weights: name.clone(), any_skin: false };
-        Ok((name.clone(), Net::load(&settings, &skin.net_target())?))
+        Ok(NamedNet { name: name.clone(), net: Net::load(&settings, &skin.net_target())? })
     };
-    let nets: Vec<(String, Net)> =
-        args.weights.iter().map(load).collect::<Result<_, ReportError>>()?;
-    let lengths = Some(Lengths { frames: 100, quiet: QUIET });
-    let chain = Chain::new(skin, args.method.as_deref(), lengths, progress)?;
-    let sequences = sequences(&chain.linearised.skin, args.quick, progress)?;
-    let shown = progress.steps("images", sequences.len(), |bar| {
-        let mut shown = Vec::new();
+    let nets = settings.weights.iter().map(load).collect::<Result<Vec<NamedNet>, ReportError>>()?;
+    let lengths = Some(Lengths { frames: 100, quiet: QUIET_FRAMES });
+    let chain = Chain::new(skin, settings.method.as_deref(), lengths, progress)?;
+    let linearised = &chain.linearised;
+    let raster = linearised.raster(progress)?;
+    let sequences = held_out::sequences(&linearised.skin, settings.quick, progress)?;
+    let imaged = progress.steps("images", sequences.len(), |bar| {
+        let mut imaged = Vec::new();
         for sequence in sequences {
             let made = chain.reconstruct(&sequence.values)?;
-            shown.push(Shown { ways: ways(&chain, &made, &nets)?, sequence });
+            imaged.push(ImagedSequence { variants: variants(raster, &made, &nets)?, sequence });
             bar.inc();
         }
-        Ok::<_, ReportError>(shown)
+        Ok::<_, ReportError>(imaged)
     })?;
-    let judge = Judge::new(chain.linearised.raster(progress)?, &shown)?;
-    let mut tallies = Vec::new();
-    for case in &shown {
+    let evaluation = Evaluation::new(raster, &imaged)?;
+    let mut scored = Vec::new();
+    for imaged in &imaged {
         let mut raw = None;
-        for way in &case.ways {
-            let tally = judge.tally(&case.sequence, way)?;
-            // the first way is the raw image
-            let raw: &Vec<f64> = raw.get_or_insert_with(|| tally.over_raw.clone());
-            tallies.push((case, way, tally.relative_to(raw)));
+        for variant in &imaged.variants {
+            let scores = evaluation.scores(&imaged.sequence, variant)?;
+            // the first variant is the raw image
+            let raw: &Vec<f64> = raw.get_or_insert_with(|| scores.over_raw.clone());
+            scored.push(Scored { imaged, variant, scores: scores.relative_to(raw) });
         }
     }
-    let tables = [touched_table(&tallies, &chain), foreign_table(&tallies)];
-    pictures::draw(&shown, &chain, out)?;
+    let tables = [touched_table(&scored, &chain), foreign_table(&scored)];
+    pictures::draw(&imaged, &chain, out)?;
     let files = ["denoise.md", "denoise.csv", "denoise.json"];
-    table::write("What the U-net makes of images", &tables, files, (out, progress))
+    let report = TableReport { title: "What the U-net makes of images", tables: &tables, files };
+    table::write(&report, out, progress)
 }
 
-/// The raw images, those of the paper's rule, and those of each net without and with the check.
-fn ways(chain: &Chain, made: &Chained, nets: &[(String, Net)]) -> Result<Vec<Way>, ReportError> {
-    let raw = &made.images;
-    let raster = chain.linearised.raster(&mut Progress::silent())?;
-    let mut rule = ThresholdRule::default().on(raster.mask().view())?;
-    let mut kept = raw.clone();
-    for (image, out) in raw.outer_iter().zip(kept.axis_iter_mut(Axis(0))) {
-        rule.apply_into(image, out)?;
-    }
-    let plain = |name: &str, images| Way { name: name.to_owned(), images, aside: None };
-    let mut ways = vec![plain("raw", raw.clone()), plain("rule", kept)];
-    let mut check = Check::new(&made.fitted)?;
-    for (name, net) in nets {
-        let mut silent = Progress::silent();
-        let mut images = raw.clone();
-        net.apply(&mut images, raster, None, &mut silent)?;
-        ways.push(plain(name, images));
-        let mut images = raw.clone();
-        if let Some(checked) = net.apply(&mut images, raster, Some(&mut check), &mut silent)? {
-            // quiet frames at the start count for nothing
-            let aside = checked.put_aside().iter().filter(|f| **f >= QUIET).count();
-            let aside = aside as f64 / (raw.dim().0 - QUIET) as f64;
-            ways.push(Way { name: format!("{name}, checked"), images, aside: Some(aside) });
-        }
-    }
-    Ok(ways)
+/// A variant of a sequence's images and its scores.
+struct Scored<'a> {
+    imaged: &'a ImagedSequence,
+    variant: &'a ImageVariant,
+    scores: VariantScores,
 }
 
-type Row<'a> = (&'a Shown, &'a Way, Tally);
-
-fn touched_table(tallies: &[Row<'_>], chain: &Chain) -> Table {
-    let rows = tallies.iter().filter(|(case, ..)| case.sequence.truth.is_some());
+fn touched_table(scored: &[Scored<'_>], chain: &Chain) -> Table {
+    let skin = &chain.linearised.skin;
+    let touched = scored.iter().filter(|scored| scored.imaged.sequence.truth.is_some());
+    let row = |Scored { imaged, variant, scores }: &Scored<'_>| {
+        scores.touched_row(imaged.sequence.name, variant)
+    };
     Table {
         name: "touched",
         title: "Touched frames before and after",
@@ -122,14 +88,14 @@ fn touched_table(tallies: &[Row<'_>], chain: &Chain) -> Table {
              usual maximum lies within {} mm; invented is a blob that is no finger's. \"rule\": the \
              paper's threshold rule. \"checked\": images that do not explain their measurements are \
              the raw ones; \"put aside\" is their part of all frames after the quiet ones.",
-            cases::NODES,
+            held_out::NODES,
             chain.method.name(),
-            chain.linearised.skin.mesh.surface().nodes().len(),
-            chain.linearised.skin.pixels(),
-            chain.linearised.skin.pixels(),
-            judge::FULL_N,
-            judge::FLOOR,
-            1e3 * judge::WITHIN_M,
+            skin.mesh.surface().nodes().len(),
+            skin.pixels(),
+            skin.pixels(),
+            scores::FULL_N,
+            scores::FLOOR,
+            1e3 * scores::WITHIN_M,
         ),
         columns: vec![
             "sequence",
@@ -145,11 +111,14 @@ fn touched_table(tallies: &[Row<'_>], chain: &Chain) -> Table {
             "position, mm",
             "put aside",
         ],
-        rows: rows.map(|(case, way, tally)| tally.touched_row(case.sequence.name, way)).collect(),
+        rows: touched.map(row).collect(),
     }
 }
 
-fn foreign_table(tallies: &[Row<'_>]) -> Table {
+fn foreign_table(scored: &[Scored<'_>]) -> Table {
+    let row = |Scored { imaged, variant, scores }: &Scored<'_>| {
+        scores.foreign_row(&imaged.sequence, variant)
+    };
     Table {
         name: "foreign",
         title: "Frames without a touch, or like none of the training",
@@ -159,9 +128,6 @@ fn foreign_table(tallies: &[Row<'_>]) -> Table {
                frames of the scripts above in which no finger touches."
                 .to_owned(),
         columns: vec!["frames of", "image", "frames", "blobs a frame", "put aside"],
-        rows: tallies
-            .iter()
-            .filter_map(|(case, way, tally)| tally.foreign_row(case, way))
-            .collect(),
+        rows: scored.iter().filter_map(row).collect(),
     }
 }

@@ -1,6 +1,6 @@
-//! How near a movie is to the truth.
+//! How near a sequence of images is to the truth.
 
-use super::bench::Bench;
+use super::reconstruction_model::ReconstructionModel;
 use crate::error::ReportError;
 use eit_inverse::metrics::{
     ChangeSign, GreitTarget, TouchSettings, correlation_coefficient, greit_figures, relative_error,
@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 /// its bell.
 const WITHIN_M: f64 = 0.03;
 
-/// The truth of a simulated movie.
+/// The truth of a simulated sequence.
 pub(super) struct Truth<'a> {
     /// Siemens, [frame, masked pixel].
     pub pixels: &'a Array2<f64>,
@@ -21,28 +21,28 @@ pub(super) struct Truth<'a> {
     pub positions_m: &'a [Vec<[f64; 2]>],
 }
 
-/// Figures of merit of a movie.
+/// Figures of merit of a sequence of images.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Scores {
-    /// Of the whole movie; 0 for the truth, 1 for an empty one.
+    /// Of the whole sequence; 0 for the truth, 1 for an empty one.
     pub relative_error: f64,
     /// Mean over frames.
     pub correlation: f64,
-    /// Structural similarity, mean over frames, relative to the range of the truth's movie.
+    /// Structural similarity, mean over frames, relative to the range of the true sequence.
     pub similarity: f64,
     /// Mean distance of the found fingers, metres; NaN where none is found.
     pub position_error_m: f64,
-    /// Part of the fingers that are found, 0 to 1.
+    /// Fraction of fingers found.
     pub found: f64,
-    /// Blobs a frame that are no finger.
+    /// False blobs per frame.
     pub extra: f64,
     /// Means over frames for a single finger.
-    pub greit: Option<Greit>,
+    pub greit: Option<GreitFigures>,
 }
 
 /// GREIT figures, means over frames.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Greit {
+pub(super) struct GreitFigures {
     pub amplitude_response: f64,
     /// Mean amount, metres.
     pub position_error_m: f64,
@@ -52,15 +52,15 @@ pub(super) struct Greit {
 }
 
 impl Scores {
-    /// Compares a movie [frame, masked pixel] with the first frames of the truth.
+    /// Compares images [frame, masked pixel] with the first frames of the truth.
     pub fn new(
-        bench: &Bench,
-        movie: ArrayView2<'_, f64>,
+        model: &ReconstructionModel,
+        images: ArrayView2<'_, f64>,
         truth: &Truth<'_>,
     ) -> Result<Self, ReportError> {
-        let count = movie.nrows();
-        let areas = bench.cells.areas_m2();
-        let shown: Vec<f64> = movie.iter().copied().collect();
+        let count = images.nrows();
+        let areas = model.cells.areas_m2();
+        let shown: Vec<f64> = images.iter().copied().collect();
         let wanted: Vec<f64> =
             truth.pixels.rows().into_iter().take(count).flatten().copied().collect();
         let all_areas: Vec<f64> = areas.iter().copied().cycle().take(shown.len()).collect();
@@ -75,23 +75,23 @@ impl Scores {
             greit: None,
         };
         let (mut fingers, mut found) = (0, 0);
-        for (frame, image) in movie.rows().into_iter().enumerate() {
+        for (frame, image) in images.rows().into_iter().enumerate() {
             let image = image.to_vec();
             let wanted = truth.pixels.row(frame).to_vec();
             // an image without any change has no correlation: as far from the truth as can be
             let correlation = correlation_coefficient(&image, &wanted, areas)?;
             sums.correlation += if correlation.is_nan() { 0.0 } else { correlation };
-            sums.similarity += similarity(bench, &image, &wanted, range)?;
+            sums.similarity += similarity(model, &image, &wanted, range)?;
             let positions = &truth.positions_m[frame];
             let settings = TouchSettings { within_m: WITHIN_M, ..Default::default() };
-            let touches = touch_position_errors_m(&image, &bench.cells, positions, &settings)?;
+            let touches = touch_position_errors_m(&image, &model.cells, positions, &settings)?;
             sums.position_error_m += touches.errors_m.iter().flatten().sum::<f64>();
             found += touches.errors_m.iter().flatten().count();
             fingers += positions.len();
             sums.extra += touches.extra as f64;
             if let [position_m] = positions[..] {
-                let greit = sums.greit.get_or_insert_with(Greit::default);
-                greit.add(figures(bench, &image, &wanted, position_m)?, 1.0 / count as f64);
+                let greit = sums.greit.get_or_insert_with(GreitFigures::default);
+                greit.add(figures(model, &image, &wanted, position_m)?, 1.0 / count as f64);
             }
         }
         let mean = |sum: f64| sum / count as f64;
@@ -126,13 +126,13 @@ impl Scores {
 
 /// The five figures of an image; none of them for one without any change.
 fn figures(
-    bench: &Bench,
+    model: &ReconstructionModel,
     image: &[f64],
     truth: &[f64],
     position_m: [f64; 2],
 ) -> Result<[f64; 5], ReportError> {
-    let target = GreitTarget { position_m, amount_s_m2: bench.cells.integral(truth)? };
-    let figures = greit_figures(image, &bench.cells, ChangeSign::Increase, &target)?;
+    let target = GreitTarget { position_m, amount_s_m2: model.cells.integral(truth)? };
+    let figures = greit_figures(image, &model.cells, ChangeSign::Increase, &target)?;
     Ok(figures.map_or([0.0; 5], |f| {
         let error_m = f.position_error_m.abs();
         [f.amplitude_response, error_m, f.resolution, f.shape_deformation, f.ringing]
@@ -140,16 +140,21 @@ fn figures(
 }
 
 /// Structural similarity of pixels, relative to a range.
-fn similarity(bench: &Bench, image: &[f64], truth: &[f64], range: f64) -> Result<f64, ReportError> {
-    let image = bench.raster.image_from_pixels(image)?;
-    let truth = bench.raster.image_from_pixels(truth)?;
-    let mask = bench.raster.mask().view();
+fn similarity(
+    model: &ReconstructionModel,
+    image: &[f64],
+    truth: &[f64],
+    range: f64,
+) -> Result<f64, ReportError> {
+    let image = model.raster.image_from_pixels(image)?;
+    let truth = model.raster.image_from_pixels(truth)?;
+    let mask = model.raster.mask().view();
     // a truth without any change has no range
     let range = Some(range).filter(|range| *range > 0.0);
     Ok(structural_similarity(image.view(), truth.view(), mask, range)?.unwrap_or(0.0))
 }
 
-impl Greit {
+impl GreitFigures {
     fn add(&mut self, figures: [f64; 5], weight: f64) {
         let sums = [
             &mut self.amplitude_response,

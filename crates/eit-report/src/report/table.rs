@@ -1,21 +1,27 @@
-//! Tables of the report, written three ways.
+//! Tables of experiments, written three ways.
 
-use super::{Answer, markdown};
+use super::markdown;
+use crate::Answer;
 use crate::error::ReportError;
 use crate::output::{OutFolder, io};
 use eit_skin::Progress;
 use serde_json::{Map, Value, json};
 
-/// Names of the files of a report: `.md`, `.csv`, `.json`.
-pub(super) type FileNames = [&'static str; 3];
+/// A report that consists of tables.
+pub(super) struct TableReport<'a> {
+    pub title: &'a str,
+    pub tables: &'a [Table],
+    /// Names of its files: `.md`, `.csv`, `.json`.
+    pub files: [&'static str; 3],
+}
 
 /// Writes Markdown, CSV and JSON of all tables; the Markdown is the answer.
 pub(super) fn write(
-    title: &str,
-    tables: &[Table],
-    [md, csv, json]: FileNames,
-    (out, progress): (&mut OutFolder, &Progress),
+    report: &TableReport<'_>,
+    out: &mut OutFolder,
+    progress: &Progress,
 ) -> Result<Answer, ReportError> {
+    let TableReport { title, tables, files: [md, csv, json] } = *report;
     let sections: Vec<String> = tables.iter().map(Table::markdown).collect();
     let markdown = format!("# {title}\n\n{}", sections.join("\n"));
     out.write(md, |w| w.write_all(markdown.as_bytes()).map_err(io))?;
@@ -76,7 +82,7 @@ impl Table {
     pub fn markdown(&self) -> String {
         let shown = |row: &Vec<Cell>| row.iter().map(Cell::shown).collect::<Vec<_>>();
         let rows: Vec<Vec<String>> = self.rows.iter().map(shown).collect();
-        format!("## {}\n\n{}\n\n{}", self.title, self.note, markdown(&self.columns, &rows))
+        format!("## {}\n\n{}\n\n{}", self.title, self.note, markdown::table(&self.columns, &rows))
     }
 
     /// Lines `table,row,column,value`: `row` is what the text cells say.
@@ -111,17 +117,4 @@ impl Table {
         let rows: Vec<Value> = self.rows.iter().map(of_row).collect();
         json!({ "name": self.name, "title": self.title, "note": self.note, "rows": rows })
     }
-}
-
-/// The value below which a part of the values lie (nearest rank); NaN of none.
-pub(super) fn quantile(values: &[f64], part: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let rank = (part * sorted.len() as f64).ceil() as usize;
-    sorted.get(rank.saturating_sub(1)).copied().unwrap_or(f64::NAN)
-}
-
-/// Root mean square; NaN of none.
-pub(super) fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
 }

@@ -13,7 +13,7 @@
 //! `m`, size `a (1 + b)`, sense `d`, and 2 or 3 turns `k` of the small circle to one of the large.
 //! `b <= 1/4` keeps `|dp/du| >= a / 4`: the path bends now more, now less, and has no corners.
 
-use super::MovieSettings;
+use super::settings::SequenceSettings;
 use crate::error::ReportError;
 use eit_mesh::SkinShape;
 use eit_skin::scene::MeshSource;
@@ -29,7 +29,7 @@ const INSIDE: f64 = 0.8;
 const APART: f64 = 4.0;
 /// Most fingers.
 const MOST_TOUCHES: usize = 4;
-/// Most values of a simulated movie's frames: beyond, a typing error is likelier than a wish.
+/// Most frames of a simulated sequence: more are probably a typing error.
 const MOST_FRAMES: usize = 1_000_000;
 /// Chords that stand for a path when its length is measured: their sum is short by less than 1e-5
 /// of it, and a place between two of their ends is known to 3e-6 of the path's size.
@@ -40,11 +40,11 @@ const STREAM: u128 = 0x9e37_79b9_7f4a_7c15;
 /// Places of the fingers, metres, `[frame][finger]`.
 pub(super) fn positions_m(
     source: &MeshSource,
-    settings: &MovieSettings,
+    settings: &SequenceSettings,
 ) -> Result<Vec<Vec<[f64; 2]>>, ReportError> {
     check(settings)?;
-    let MovieSettings { touches, frames, step_m, finger, path_seed, .. } = *settings;
-    let (middle, radius_m) = free_circle(source)?;
+    let SequenceSettings { touches, frames, step_m, finger, path_seed, .. } = *settings;
+    let FreeCircle { centre_m, radius_m } = free_circle(source)?;
     let reach_m = INSIDE * radius_m;
     let territory_m = territory_m(touches, reach_m, finger.sigma_m);
     if territory_m <= 0.0 {
@@ -66,7 +66,7 @@ pub(super) fn positions_m(
     let paths: Vec<Path> = (0..touches)
         .map(|k| {
             let (sin, cos) = (first_angle + TAU * k as f64 / touches as f64).sin_cos();
-            let home = [middle[0] + ring_m * cos, middle[1] + ring_m * sin];
+            let home = [centre_m[0] + ring_m * cos, centre_m[1] + ring_m * sin];
             Path::random(home, territory_m, &mut random)
         })
         .collect();
@@ -74,15 +74,15 @@ pub(super) fn positions_m(
     Ok((0..frames).map(at).collect())
 }
 
-/// Refuses settings that fit no skin.
-fn check(settings: &MovieSettings) -> Result<(), ReportError> {
-    let MovieSettings { touches, frames, finger, .. } = *settings;
+/// Rejects settings that fit no skin.
+fn check(settings: &SequenceSettings) -> Result<(), ReportError> {
+    let SequenceSettings { touches, frames, finger, .. } = *settings;
     let refuse = |what: String| Err(ReportError::input(what));
     if !(1..=MOST_TOUCHES).contains(&touches) {
-        return refuse(format!("a touch movie has 1 to {MOST_TOUCHES} touches, not {touches}"));
+        return refuse(format!("a touch sequence has 1 to {MOST_TOUCHES} touches, not {touches}"));
     }
     if !(1..=MOST_FRAMES).contains(&frames) {
-        return refuse(format!("a touch movie has 1 to {MOST_FRAMES} frames, not {frames}"));
+        return refuse(format!("a touch sequence has 1 to {MOST_FRAMES} frames, not {frames}"));
     }
     if !(finger.sigma_m > 0.0 && finger.sigma_m.is_finite()) {
         return refuse(format!("finger.sigma_m is {}: it must be above zero", finger.sigma_m));
@@ -105,32 +105,39 @@ fn territory_m(touches: usize, reach_m: f64, sigma_m: f64) -> f64 {
     (reach_m * sin - 0.5 * APART * sigma_m) / (1.0 + sin)
 }
 
-/// Centroid of the skin and its distance to the nearest rim, metres. From the outline alone, so
-/// that no mesh moves the fingers.
-fn free_circle(source: &MeshSource) -> Result<([f64; 2], f64), ReportError> {
+/// The largest circle around the centroid of a skin that meets no rim.
+struct FreeCircle {
+    /// Metres.
+    centre_m: [f64; 2],
+    /// Distance to the nearest rim, metres.
+    radius_m: f64,
+}
+
+/// The circle that fingers move in. From the outline alone, so that no mesh moves the fingers.
+fn free_circle(source: &MeshSource) -> Result<FreeCircle, ReportError> {
     let MeshSource::Generated { shape, .. } = source else {
         return Err(ReportError::input(
-            "a touch movie needs a flat skin with an outline: disc, rectangle or polygon, not a mesh \
+            "a touch sequence needs a flat skin with an outline: disc, rectangle or polygon, not a mesh \
              file",
         ));
     };
     if let SkinShape::Hemisphere { .. } = shape {
-        return Err(ReportError::input("a touch movie needs a flat skin, not a hemisphere"));
+        return Err(ReportError::input("a touch sequence needs a flat skin, not a hemisphere"));
     }
     let outline = shape.outline()?;
-    let middle = outline.centre_m();
+    let centre_m = outline.centre_m();
     let rims = outline.loops().iter();
-    let radius_m = rims.map(|rim| rim.project(middle).1).fold(f64::INFINITY, f64::min);
-    // turns of the rim around the middle: 1 inside, 0 outside or in a hole (which turns back)
-    let turns: f64 = outline.loops().iter().map(|rim| turns(rim, middle, radius_m)).sum();
+    let radius_m = rims.map(|rim| rim.project(centre_m).1).fold(f64::INFINITY, f64::min);
+    // turns of the rim around the centre: 1 inside, 0 outside or in a hole (which turns back)
+    let turns: f64 = outline.loops().iter().map(|rim| turns(rim, centre_m, radius_m)).sum();
     if turns < 0.5 {
         return Err(ReportError::input(format!(
-            "a touch movie plays around the centroid of the outline, but ({}, {}) m is not on the \
+            "a touch sequence plays around the centroid of the outline, but ({}, {}) m is not on the \
              skin",
-            middle[0], middle[1]
+            centre_m[0], centre_m[1]
         )));
     }
-    Ok((middle, radius_m))
+    Ok(FreeCircle { centre_m, radius_m })
 }
 
 /// Times that a loop, at least `radius_m` away, goes around a point.

@@ -2,7 +2,10 @@
 
 use super::*;
 use eit_inverse::metrics::{Cells, ChangeSign, half_maximum_centre_m, touch_position_errors_m};
+use eit_skin::scene::MeshSource;
 use eit_skin::{MeshOverride, Scene};
+use ndarray::{Array1, Array2, Axis};
+use voltages::SequenceVoltages;
 
 /// The paper's skin on so many nodes.
 fn skin(nodes: usize) -> Skin {
@@ -29,14 +32,14 @@ fn source_of(skin: &str, electrodes: &str) -> MeshSource {
 const EIGHT: &str = "count = 8\nwidth_m = 0.01";
 
 /// Small enough for a test: 1500 nodes solve in a millisecond.
-fn small() -> MovieSettings {
-    MovieSettings { nodes: 1500, frames: 12, ..MovieSettings::default() }
+fn small() -> SequenceSettings {
+    SequenceSettings { nodes: 1500, frames: 12, ..SequenceSettings::default() }
 }
 
-fn voltages(settings: &MovieSettings) -> Voltages {
+fn voltages(settings: &SequenceSettings) -> SequenceVoltages {
     let skin = skin(settings.nodes);
-    let movie = TouchMovie::random(&skin.source, settings).unwrap();
-    movie.voltages(&skin, &mut Progress::default()).unwrap()
+    let sequence = TouchSequence::random(&skin.source, settings).unwrap();
+    sequence.voltages(&skin, &mut Progress::default()).unwrap()
 }
 
 fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
@@ -49,9 +52,10 @@ fn fingers_stay_inside_and_apart_and_keep_their_speed() {
     for touches in 1..=4 {
         for path_seed in 0..50 {
             for step_m in [SLOW_M, FAST_M] {
-                let settings = MovieSettings { touches, path_seed, step_m, frames: 60, ..small() };
-                let movie = TouchMovie::random(&source, &settings).unwrap();
-                for fingers in &movie.positions_m {
+                let settings =
+                    SequenceSettings { touches, path_seed, step_m, frames: 60, ..small() };
+                let sequence = TouchSequence::random(&source, &settings).unwrap();
+                for fingers in &sequence.positions_m {
                     assert_eq!(fingers.len(), touches);
                     for (k, &finger) in fingers.iter().enumerate() {
                         // the bounds are met exactly but for rounding
@@ -60,7 +64,7 @@ fn fingers_stay_inside_and_apart_and_keep_their_speed() {
                         assert!(others.iter().all(|&o| distance(finger, o) >= 0.048 - 1e-15));
                     }
                 }
-                for pair in movie.positions_m.windows(2) {
+                for pair in sequence.positions_m.windows(2) {
                     for (&a, &b) in pair[0].iter().zip(&pair[1]) {
                         // a chord is no longer than its arc, each end of which the table of
                         // lengths places to |p''| du^2 / 8 = 2.3e-7 m; and at the sharpest bends
@@ -78,12 +82,12 @@ fn fingers_stay_inside_and_apart_and_keep_their_speed() {
 /// Short steps add up to the same way as the path's own measure.
 #[test]
 fn steps_are_measured_along_the_path() {
-    let settings = MovieSettings { step_m: 1e-4, frames: 4001, ..small() };
+    let settings = SequenceSettings { step_m: 1e-4, frames: 4001, ..small() };
     for path_seed in 0..10 {
-        let settings = MovieSettings { path_seed, ..settings.clone() };
-        let movie = TouchMovie::random(&source(), &settings).unwrap();
+        let settings = SequenceSettings { path_seed, ..settings.clone() };
+        let sequence = TouchSequence::random(&source(), &settings).unwrap();
         let way: f64 =
-            movie.positions_m.windows(2).map(|pair| distance(pair[0][0], pair[1][0])).sum();
+            sequence.positions_m.windows(2).map(|pair| distance(pair[0][0], pair[1][0])).sum();
         // chords of 1e-4 m on bends of 10 mm are short by 4e-6, the path's table by less
         assert!((way / 0.4 - 1.0).abs() < 1e-5, "{way}");
     }
@@ -93,8 +97,8 @@ fn steps_are_measured_along_the_path() {
 fn seeds_decide_and_nothing_else() {
     let source = source();
     let path = |path_seed, frames, nodes| {
-        let settings = MovieSettings { path_seed, frames, nodes, touches: 3, ..small() };
-        TouchMovie::random(&source, &settings).unwrap().positions_m
+        let settings = SequenceSettings { path_seed, frames, nodes, touches: 3, ..small() };
+        TouchSequence::random(&source, &settings).unwrap().positions_m
     };
     assert_eq!(path(1, 12, 1500), path(1, 12, 1600));
     assert_eq!(path(1, 12, 1500)[..], path(1, 40, 1500)[..12]);
@@ -102,17 +106,17 @@ fn seeds_decide_and_nothing_else() {
     let bytes = |noise_seed| {
         let skin = skin(1400);
         let raster = Raster::new(skin.mesh.surface(), 16).unwrap();
-        let settings = MovieSettings { noise_seed, touches: 2, ..small() };
-        let movie = simulate(&skin, &settings, &raster, &mut Progress::default()).unwrap();
-        assert_eq!(movie.frames.values.dim(), (12, 208));
-        assert_eq!((movie.truth.dim(), movie.positions_m.len()), ((12, 16, 16), 12));
-        assert!(movie.nodes > 1000 && movie.noise_std_v > 0.0);
+        let settings = SequenceSettings { noise_seed, touches: 2, ..small() };
+        let sequence = simulate(&skin, &settings, &raster, &mut Progress::default()).unwrap();
+        assert_eq!(sequence.frames.values.dim(), (12, 208));
+        assert_eq!((sequence.truth.dim(), sequence.positions_m.len()), ((12, 16, 16), 12));
+        assert!(sequence.nodes > 1000 && sequence.noise_std_v > 0.0);
         let bits = |values: &mut dyn Iterator<Item = f64>| -> Vec<u64> {
             values.map(f64::to_bits).collect()
         };
-        let frames = bits(&mut movie.frames.values.iter().copied());
-        let reference = bits(&mut movie.frames.reference.iter().copied());
-        (frames, reference, bits(&mut movie.truth.iter().copied()))
+        let frames = bits(&mut sequence.frames.values.iter().copied());
+        let reference = bits(&mut sequence.frames.reference.iter().copied());
+        (frames, reference, bits(&mut sequence.truth.iter().copied()))
     };
     let first = bytes(1);
     assert!(first == bytes(1), "the same seed gives other bytes");
@@ -123,7 +127,7 @@ fn seeds_decide_and_nothing_else() {
 
 #[test]
 fn noise_has_its_level() {
-    let voltages = voltages(&MovieSettings { frames: 100, ..small() });
+    let voltages = voltages(&SequenceSettings { frames: 100, ..small() });
     let rms = |values: &Array2<f64>| {
         (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
     };
@@ -165,13 +169,13 @@ fn noise_of_one_seed_scales() {
 fn frames_are_forward_solves() {
     let skin = skin(1500);
     let place = [0.03, -0.02];
-    let movie = TouchMovie {
+    let sequence = TouchSequence {
         positions_m: vec![vec![], vec![place], vec![place], vec![], vec![place, [-0.05, 0.0]]],
         finger: Finger { sigma_m: 0.01, change: 2.0, ..Finger::default() },
         rate_hz: 8.0,
     };
-    let found = movie.voltages(&skin, &mut Progress::default()).unwrap();
-    for (frame, fingers) in found.frames.rows().into_iter().zip(&movie.positions_m) {
+    let found = sequence.voltages(&skin, &mut Progress::default()).unwrap();
+    for (frame, fingers) in found.frames.rows().into_iter().zip(&sequence.positions_m) {
         let sigma = |c: [f64; 3]| {
             let bell = |f: &[f64; 2]| (-distance([c[0], c[1]], *f).powi(2) / 2e-4).exp();
             1e-5 * (1.0 + 2.0 * fingers.iter().map(bell).sum::<f64>())
@@ -194,10 +198,10 @@ fn truth_lies_where_the_fingers_are() {
     let raster = Raster::new(skin.mesh.surface(), 64).unwrap();
     let cells = Cells::of_raster(&raster);
     for touches in 1..=4 {
-        let settings = MovieSettings { touches, step_m: FAST_M, frames: 20, ..small() };
-        let movie = TouchMovie::random(&skin.source, &settings).unwrap();
-        let truth = movie.truth(skin.conductivity_s, &raster);
-        for (image, fingers) in truth.outer_iter().zip(&movie.positions_m) {
+        let settings = SequenceSettings { touches, step_m: FAST_M, frames: 20, ..small() };
+        let sequence = TouchSequence::random(&skin.source, &settings).unwrap();
+        let truth = sequence.truth(skin.conductivity_s, &raster);
+        for (image, fingers) in truth.outer_iter().zip(&sequence.positions_m) {
             assert!(image.iter().zip(raster.mask()).all(|(x, inside)| x.is_nan() != *inside));
             let mut pixels = vec![0.0; raster.masked_pixels().len()];
             raster.pixels_from_image_into(image, &mut pixels).unwrap();
@@ -225,29 +229,29 @@ fn truth_lies_where_the_fingers_are() {
 }
 
 #[test]
-fn movies_that_cannot_be_are_refused() {
-    let refused = |source: &MeshSource, settings: MovieSettings, words: &str| {
-        let message = TouchMovie::random(source, &settings).unwrap_err().to_string();
+fn invalid_sequences_are_refused() {
+    let refused = |source: &MeshSource, settings: SequenceSettings, words: &str| {
+        let message = TouchSequence::random(source, &settings).unwrap_err().to_string();
         assert!(message.contains(words), "{message}");
     };
     let disc = source();
-    refused(&disc, MovieSettings { touches: 0, ..small() }, "1 to 4 touches, not 0");
-    refused(&disc, MovieSettings { touches: 5, ..small() }, "1 to 4 touches, not 5");
-    refused(&disc, MovieSettings { frames: 0, ..small() }, "frames, not 0");
-    refused(&disc, MovieSettings { frames: usize::MAX, ..small() }, "frames, not");
+    refused(&disc, SequenceSettings { touches: 0, ..small() }, "1 to 4 touches, not 0");
+    refused(&disc, SequenceSettings { touches: 5, ..small() }, "1 to 4 touches, not 5");
+    refused(&disc, SequenceSettings { frames: 0, ..small() }, "frames, not 0");
+    refused(&disc, SequenceSettings { frames: usize::MAX, ..small() }, "frames, not");
     for step_m in [-1e-3, 0.09, f64::NAN, f64::INFINITY] {
-        refused(&disc, MovieSettings { step_m, ..small() }, "step_m is");
+        refused(&disc, SequenceSettings { step_m, ..small() }, "step_m is");
     }
     for sigma_m in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let finger = Finger { sigma_m, ..Finger::default() };
-        refused(&disc, MovieSettings { finger, ..small() }, "finger.sigma_m is");
+        refused(&disc, SequenceSettings { finger, ..small() }, "finger.sigma_m is");
     }
     for change in [-1.0, f64::NAN] {
         let finger = Finger { change, ..Finger::default() };
-        refused(&disc, MovieSettings { finger, ..small() }, "finger.change is");
+        refused(&disc, SequenceSettings { finger, ..small() }, "finger.change is");
     }
     let finger = Finger { sigma_m: 0.041, ..Finger::default() };
-    refused(&disc, MovieSettings { finger, touches: 2, ..small() }, "4 standard deviations");
+    refused(&disc, SequenceSettings { finger, touches: 2, ..small() }, "4 standard deviations");
     let ring = "shape = \"polygon\"\noutline = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]
         holes = [[[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]]]";
     refused(&source_of(ring, EIGHT), small(), "is not on the skin");
@@ -255,7 +259,7 @@ fn movies_that_cannot_be_are_refused() {
         [0, 0.18], [0.18, 0.18], [0.18, 0.02], [0, 0.02]]";
     refused(&source_of(bracket, EIGHT), small(), "is not on the skin");
     refused(&source_of("shape = \"mesh\"\nfile = \"skin.msh\"", ""), small(), "not a mesh file");
-    let voltages = voltages(&MovieSettings { frames: 1, ..small() });
+    let voltages = voltages(&SequenceSettings { frames: 1, ..small() });
     for std in [-1.0, f64::NAN, f64::INFINITY] {
         let message = voltages.with_noise(std, 1).err().unwrap().to_string();
         assert!(message.contains("it must be finite"), "{message}");
@@ -264,11 +268,11 @@ fn movies_that_cannot_be_are_refused() {
 
 /// A rectangle's fingers play around its middle, within 0.8 of half its shorter side.
 #[test]
-fn other_skins_have_movies_too() {
+fn other_skins_have_sequences_too() {
     let source = source_of("shape = \"rectangle\"\nwidth_m = 0.3\nheight_m = 0.2", EIGHT);
-    let settings = MovieSettings { touches: 4, ..small() };
-    let movie = TouchMovie::random(&source, &settings).unwrap();
-    for finger in movie.positions_m.iter().flatten() {
+    let settings = SequenceSettings { touches: 4, ..small() };
+    let sequence = TouchSequence::random(&source, &settings).unwrap();
+    for finger in sequence.positions_m.iter().flatten() {
         assert!(distance(*finger, [0.0; 2]) <= 0.08 + 1e-15, "{finger:?}");
     }
 }

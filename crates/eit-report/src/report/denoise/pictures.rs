@@ -1,7 +1,8 @@
 //! Error of each frame before and after, and images, in the manner of the paper's figures 10 to 15.
 
-use super::judge::errors;
-use super::{QUIET, Shown};
+use super::held_out::QUIET_FRAMES;
+use super::scores::errors;
+use super::variants::ImagedSequence;
 use crate::error::ReportError;
 use crate::output::OutFolder;
 use eit_picture::{FrameLabels, PictureSettings, Plot, Series, SkinDrawing, draw_plot, draw_sheet};
@@ -13,25 +14,29 @@ use ndarray::Axis;
 const FILES: [&str; 2] = ["mse_one_finger.png", "mse_two_fingers.png"];
 /// Frames of each sequence in the picture of images.
 const FRAMES: usize = 4;
-/// Ways in it: raw and the first net. With the truth that is three, and a row holds six.
-const WAYS: [usize; 2] = [0, 2];
+/// Variants in it: raw and the first net. With the truth that is three, and a row holds six.
+const VARIANTS: [usize; 2] = [0, 2];
 
 /// Draws and writes.
-pub(super) fn draw(shown: &[Shown], chain: &Chain, out: &mut OutFolder) -> Result<(), ReportError> {
+pub(super) fn draw(
+    imaged: &[ImagedSequence],
+    chain: &Chain,
+    out: &mut OutFolder,
+) -> Result<(), ReportError> {
     let linearised = &chain.linearised;
     let (mut labels, mut images) = (Vec::new(), Vec::new());
-    for (case, file) in shown.iter().zip(FILES) {
-        let Some(truth) = &case.sequence.truth else { continue };
-        let curves = case.ways.iter().map(|way| {
-            let errors = errors(way.images.view(), truth.view());
+    for (ImagedSequence { sequence, variants }, file) in imaged.iter().zip(FILES) {
+        let Some(truth) = &sequence.truth else { continue };
+        let curves = variants.iter().map(|variant| {
+            let errors = errors(variant.images.view(), truth.view());
             // frames without a touch are orders of magnitude below: their curves would be flat
             let least = 1e-4 * errors.iter().copied().fold(0.0, f64::max);
-            let points = errors.iter().enumerate().map(|(f, e)| [(f + QUIET) as f64, *e]);
+            let points = errors.iter().enumerate().map(|(f, e)| [(f + QUIET_FRAMES) as f64, *e]);
             let points = points.filter(|p| p[1] > least).collect();
-            Series { name: way.name.clone(), points, line: true, markers: false }
+            Series { name: variant.name.clone(), points, line: true, markers: false }
         });
         let picture = draw_plot(&Plot {
-            title: format!("Mean squared error of each frame: {}", case.sequence.name),
+            title: format!("Mean squared error of each frame: {}", sequence.name),
             footnote: "against the true change of conductivity; simulated, not trained on"
                 .to_owned(),
             x_label: "frame".to_owned(),
@@ -42,14 +47,14 @@ pub(super) fn draw(shown: &[Shown], chain: &Chain, out: &mut OutFolder) -> Resul
             zoom: 2,
         })?;
         out.write(file, |w| Ok(picture.write_png(w)?))?;
-        let count = case.sequence.touches.len();
+        let count = sequence.touches.len();
         for k in 0..FRAMES {
-            let frame = QUIET + 5 + k * (count - QUIET - 10) / FRAMES;
+            let frame = QUIET_FRAMES + 5 + k * (count - QUIET_FRAMES - 10) / FRAMES;
             labels.push(format!("frame {frame}: truth"));
             images.push(truth.index_axis(Axis(0), frame));
-            for way in WAYS.iter().filter_map(|k| case.ways.get(*k)) {
-                labels.push(way.name.clone());
-                images.push(way.images.index_axis(Axis(0), frame));
+            for variant in VARIANTS.iter().filter_map(|k| variants.get(*k)) {
+                labels.push(variant.name.clone());
+                images.push(variant.images.index_axis(Axis(0), frame));
             }
         }
     }

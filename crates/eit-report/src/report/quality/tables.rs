@@ -1,9 +1,9 @@
 //! Tables of quality: means in Markdown, every row in CSV.
 
-use super::super::bench::ENTRANTS;
 use super::super::markdown;
-use super::super::scores::{Greit, Scores};
-use super::{Grid, METHODS, Row};
+use super::super::scores::{GreitFigures, Scores};
+use super::super::solver::METHODS;
+use super::comparison::{COMPARED, Grid, Row};
 use crate::simulate::FingerShape;
 use eit_skin::method::Method;
 
@@ -45,11 +45,11 @@ pub(super) fn markdown_of(rows: &[Row], grid: &Grid, note: &str) -> String {
     for figure in &FIGURES {
         text += &format!("\n## {}\n\nMean over the numbers of touches.\n\n", figure.title);
         text += &table(rows, figure, &["finger", "noise, dB", "speed"], &|row| {
-            vec![row.shape.to_owned(), format!("{}", row.noise_db), row.speed.to_owned()]
+            vec![row.shape.name().to_owned(), format!("{}", row.noise_db), row.speed.to_owned()]
         });
         text += "\nMean over noise levels and speeds.\n\n";
         text += &table(rows, figure, &["finger", "touches"], &|row| {
-            vec![row.shape.to_owned(), row.touches.to_string()]
+            vec![row.shape.name().to_owned(), row.touches.to_string()]
         });
     }
     text += "\n## GREIT figures of a single finger\n\nMean over frames and speeds: amplitude \
@@ -77,9 +77,9 @@ fn table(
     let body: Vec<Vec<String>> = lines
         .into_iter()
         .map(|line| {
-            let means: Vec<f64> = (0..METHODS)
-                .map(|entrant| {
-                    let of = rows.iter().filter(|row| row.entrant == entrant && key(row) == line);
+            let means: Vec<f64> = (0..COMPARED)
+                .map(|method| {
+                    let of = rows.iter().filter(|row| row.method == method && key(row) == line);
                     mean(of.map(|row| (figure.value)(&row.scores)))
                 })
                 .collect();
@@ -93,13 +93,13 @@ fn table(
             line.iter().cloned().chain(cells).collect()
         })
         .collect();
-    let names: Vec<String> = ENTRANTS[..METHODS].iter().map(|entrant| entrant.name()).collect();
+    let names: Vec<String> = METHODS[..COMPARED].iter().map(|method| method.name()).collect();
     let head: Vec<&str> = keys.iter().copied().chain(names.iter().map(String::as_str)).collect();
-    markdown(&head, &body)
+    markdown::table(&head, &body)
 }
 
 fn greit_table(rows: &[Row], grid: &Grid) -> String {
-    type Of = fn(&Greit) -> f64;
+    type Of = fn(&GreitFigures) -> f64;
     let figures: [(&str, Of); 5] = [
         ("AR", |g| g.amplitude_response),
         ("PE, mm", |g| 1e3 * g.position_error_m),
@@ -109,55 +109,54 @@ fn greit_table(rows: &[Row], grid: &Grid) -> String {
     ];
     let mut body = Vec::new();
     let levels =
-        FingerShape::ALL.iter().flat_map(|shape| grid.noise_db.iter().map(|db| (shape.0, *db)));
+        FingerShape::ALL.iter().flat_map(|shape| grid.noise_db.iter().map(|db| (*shape, *db)));
     for (shape, noise_db) in levels {
-        for (entrant, competitor) in ENTRANTS[..METHODS].iter().enumerate() {
-            let of = |row: &&Row| {
-                row.shape == shape && row.noise_db == noise_db && row.entrant == entrant
-            };
-            let single: Vec<Greit> =
+        for (number, method) in METHODS[..COMPARED].iter().enumerate() {
+            let of =
+                |row: &&Row| row.shape == shape && row.noise_db == noise_db && row.method == number;
+            let single: Vec<GreitFigures> =
                 rows.iter().filter(of).filter_map(|row| row.scores.greit).collect();
             let cells = figures.iter().map(|(name, value)| {
                 let digits = if name.ends_with("mm") { 1 } else { 2 };
                 format!("{:.digits$}", mean(single.iter().map(value)))
             });
-            let names = [shape.to_owned(), format!("{noise_db}"), competitor.name()];
+            let names = [shape.name().to_owned(), format!("{noise_db}"), method.name()];
             body.push(names.into_iter().chain(cells).collect());
         }
     }
     let head: Vec<&str> =
         ["finger", "noise, dB", "method"].into_iter().chain(figures.iter().map(|f| f.0)).collect();
-    markdown(&head, &body)
+    markdown::table(&head, &body)
 }
 
-/// Movies on which another method has a smaller error than both forms of st-tv.
+/// Sequences on which another method has a smaller error than both forms of st-tv.
 fn losses(rows: &[Row]) -> String {
     let mut body = Vec::new();
-    for movie in rows.chunks(METHODS) {
+    for sequence in rows.chunks(COMPARED) {
         let error = |row: &&Row| row.scores.relative_error;
         let least = |part: &mut dyn Iterator<Item = &'_ Row>| {
-            part.map(|row| (error(&row), row.entrant)).min_by(|a, b| a.0.total_cmp(&b.0))
+            part.map(|row| (error(&row), row.method)).min_by(|a, b| a.0.total_cmp(&b.0))
         };
-        let is_st_tv = |row: &&Row| ENTRANTS[row.entrant].method == Method::StTv;
-        let own = least(&mut movie.iter().filter(is_st_tv));
-        let other = least(&mut movie.iter().filter(|row| !is_st_tv(row)));
-        if let (Some(own), Some(other), Some(row)) = (own, other, movie.first())
+        let is_st_tv = |row: &&Row| METHODS[row.method].method == Method::StTv;
+        let own = least(&mut sequence.iter().filter(is_st_tv));
+        let other = least(&mut sequence.iter().filter(|row| !is_st_tv(row)));
+        if let (Some(own), Some(other), Some(row)) = (own, other, sequence.first())
             && other.0 < own.0
         {
             body.push(vec![
-                row.shape.to_owned(),
+                row.shape.name().to_owned(),
                 format!("{}", row.noise_db),
                 row.speed.to_owned(),
                 row.touches.to_string(),
                 format!("{:.3}", own.0),
-                format!("{:.3} ({})", other.0, ENTRANTS[other.1].name()),
+                format!("{:.3} ({})", other.0, METHODS[other.1].name()),
             ]);
         }
     }
     if body.is_empty() {
         return "Nowhere.\n".to_owned();
     }
-    markdown(
+    markdown::table(
         &["finger", "noise, dB", "speed", "touches", "st-tv, better form", "best other"],
         &body,
     )
@@ -193,11 +192,11 @@ pub(super) fn csv(rows: &[Row]) -> String {
         );
         text += &format!(
             "{},{},{},{},\"{}\",{},{},{},{},{},{},{g},{},\"{}\"\n",
-            row.shape,
+            row.shape.name(),
             row.noise_db,
             row.speed,
             row.touches,
-            ENTRANTS[row.entrant].name(),
+            METHODS[row.method].name(),
             s.relative_error,
             s.correlation,
             s.similarity,

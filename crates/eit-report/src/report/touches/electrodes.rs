@@ -1,10 +1,11 @@
 //! Movement of electrodes inside the inverse: images and touches of the simulated fabric with
 //! `reconstruction.electrode_movement_m` and without it, and what it costs where nothing moves.
 
-use super::Grid;
-use super::lab::Lab;
-use super::table::{Cell, Table, quantile};
-use super::tracks::{Present, Tally};
+use super::super::statistics::quantile;
+use super::super::table::{Cell, Table};
+use super::grid::Grid;
+use super::simulated_disc::SimulatedDisc;
+use super::tracking_scores::{FULL_N, PresentFinger, TrackingScores, WITHIN_M};
 use crate::error::ReportError;
 use eit_fem::fabric::{
     Fabric, FabricSettings, PlayCircle, Rim, Simulation, SimulationSettings, TouchScript,
@@ -23,10 +24,6 @@ use ndarray::{ArrayView2, Axis};
 const MOVEMENT_M: f64 = 0.2e-3;
 /// Methods whose images are judged.
 const METHODS: [Method; 2] = [Method::GaussNewton, Method::StTv];
-/// A finger weaker than this is on its way: its frame says nothing of images, newton.
-const FULL_N: f64 = 0.7;
-/// What is farther than this from every finger is none of it, metres.
-const WITHIN_M: f64 = 0.025;
 
 /// A script on a fabric.
 struct Case {
@@ -63,26 +60,26 @@ fn cases(grid: &Grid) -> impl Iterator<Item = &'static Case> {
 
 /// The table: rows of images by each method, and of touches, without and with the key.
 pub(super) fn table(
-    lab: &Lab,
+    disc: &SimulatedDisc,
     grid: &Grid,
     bar: &eit_skin::Steps<'_>,
 ) -> Result<Table, ReportError> {
     let mut rows = Vec::new();
     let mut moved_m = 0.0_f64;
     for case in cases(grid) {
-        let shown = Shown::simulate(lab, case, grid.script_frames)?;
-        moved_m = moved_m.max(shown.moved_m());
+        let recording = ScriptRecording::simulate(disc, case, grid.script_frames)?;
+        moved_m = moved_m.max(recording.moved_m());
         for movement_m in [None, Some(MOVEMENT_M)] {
             let key = movement_m.map_or("-".to_owned(), |m| format!("{} mm", 1e3 * m));
             for method in METHODS {
-                let chain = chain(lab, method, movement_m, &shown.script)?;
-                let mut made = chain.reconstruct(&shown.made.frames_v)?;
-                made.fitted.frames.rate_hz = Some(shown.script.frame_rate_hz);
+                let chain = chain(disc, method, movement_m, &recording.script)?;
+                let mut made = chain.reconstruct(&recording.simulation.frames_v)?;
+                made.fitted.frames.rate_hz = Some(recording.script.frame_rate_hz);
                 let label = [case.name, method.name(), &key].map(Cell::text);
-                rows.push([label.to_vec(), shown.judge_images(&chain, &made)?].concat());
+                rows.push([label.to_vec(), recording.image_cells(&chain, &made)?].concat());
                 if method == Method::GaussNewton {
                     let label = [case.name, "touches", &key].map(Cell::text);
-                    rows.push([label.to_vec(), shown.judge_touches(&made)?].concat());
+                    rows.push([label.to_vec(), recording.touch_cells(&made)?].concat());
                 }
                 bar.inc();
             }
@@ -102,9 +99,9 @@ pub(super) fn table(
              within {4:.0} mm of the fingers over that of the truth, median. Touches: those of `eit \
              reconstruct`, found in one-step images of their own. Images are judged in frames in which \
              every finger presses in full, touches in all after the quiet ones.",
-            lab.data.mesh.surface().nodes().len(),
+            disc.simulation.mesh.surface().nodes().len(),
             grid.script_frames,
-            lab.bench.raster.pixels(),
+            disc.model.raster.pixels(),
             1e3 * moved_m,
             1e3 * WITHIN_M,
         ),
@@ -125,55 +122,62 @@ pub(super) fn table(
 
 /// The chain of `eit reconstruct` for a simulated recording of the paper's skin.
 fn chain(
-    lab: &Lab,
+    disc: &SimulatedDisc,
     method: Method,
     movement_m: Option<f64>,
     script: &TouchScript,
 ) -> Result<Chain, ReportError> {
-    let mut skin: Skin = lab.bench.skin().clone();
+    let mut skin: Skin = disc.model.skin().clone();
     skin.settings.reconstruction.electrode_movement_m = movement_m;
     let lengths = Some(Lengths { frames: script.frames, quiet: script.quiet_frames });
     Ok(Chain::new(skin, Some(method.name()), lengths, &mut Progress::silent())?)
 }
 
-/// A simulated recording.
-struct Shown {
+/// A simulated recording of a script.
+struct ScriptRecording {
     script: TouchScript,
-    made: Simulation,
+    simulation: Simulation,
 }
 
-impl Shown {
-    fn simulate(lab: &Lab, case: &Case, most: usize) -> Result<Self, ReportError> {
-        let (mesh, protocol) = (&lab.data.mesh, &lab.data.protocol);
+impl ScriptRecording {
+    fn simulate(disc: &SimulatedDisc, case: &Case, most: usize) -> Result<Self, ReportError> {
+        let skin = &disc.simulation;
+        let mesh = &skin.mesh;
         let mut script = TouchScript::built_in(case.script, &PlayCircle::of(mesh), case.seed)?;
         script.frames = script.frames.min(most);
         let mut settings = FabricSettings::default();
         if case.rigid {
             settings.rim = Rim { compliance: 0.0, contact_gain: 0.0 };
         }
-        let fabric =
-            Fabric::new(mesh, protocol, lab.sheet_s(), &lab.data.contact_impedance, &settings)?;
-        let raster = Raster::new(mesh.surface(), lab.bench.raster.pixels())?;
+        let (sheet_s, impedance) = (skin.conductivity_s, &skin.contact_impedance);
+        let fabric = Fabric::new(mesh, &skin.protocol, sheet_s, impedance, &settings)?;
+        let raster = Raster::new(mesh.surface(), disc.model.raster.pixels())?;
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let how = SimulationSettings { seed: case.seed, threads, keep_elements: false };
-        let made = fabric.simulate(&script, &raster, &how, &mut |_| {})?;
-        Ok(Self { script, made })
+        let simulation = fabric.simulate(&script, &raster, &how, &mut |_| {})?;
+        Ok(Self { script, simulation })
     }
 
     /// Largest movement of an electrode in the plane of the skin, metres.
     fn moved_m(&self) -> f64 {
-        let shifts = self.made.truth.electrode_shift_m.rows().into_iter();
+        let shifts = self.simulation.truth.electrode_shift_m.rows().into_iter();
         shifts.map(|s| s[0].hypot(s[1])).fold(0.0, f64::max)
     }
 
-    /// Fingers of a frame: name, place, whether it presses in full.
-    fn present(&self, frame: usize) -> Present {
-        let touches = self.made.truth.touches.iter().filter(|touch| touch.frame == frame);
-        touches.map(|t| (t.finger, t.position_m, t.force_n >= FULL_N)).collect()
+    /// Fingers of a frame.
+    fn present(&self, frame: usize) -> Vec<PresentFinger> {
+        let touches = self.simulation.truth.touches.iter().filter(|touch| touch.frame == frame);
+        touches
+            .map(|t| PresentFinger {
+                finger: t.finger,
+                position_m: t.position_m,
+                is_full: t.force_n >= FULL_N,
+            })
+            .collect()
     }
 
     /// Cells of a row about images.
-    fn judge_images(&self, chain: &Chain, made: &Chained) -> Result<Vec<Cell>, ReportError> {
+    fn image_cells(&self, chain: &Chain, made: &Chained) -> Result<Vec<Cell>, ReportError> {
         let raster = chain.linearised.raster(&mut Progress::silent())?;
         let cells = Cells::of_raster(raster);
         let settings = TouchSettings { within_m: WITHIN_M, ..Default::default() };
@@ -182,10 +186,10 @@ impl Shown {
         let mut pixels = vec![0.0; raster.masked_pixels().len()];
         for frame in self.script.quiet_frames..self.script.frames {
             let present = self.present(frame);
-            if present.is_empty() || present.iter().any(|finger| !finger.2) {
+            if present.is_empty() || present.iter().any(|finger| !finger.is_full) {
                 continue;
             }
-            let places: Vec<[f64; 2]> = present.iter().map(|finger| finger.1).collect();
+            let places: Vec<[f64; 2]> = present.iter().map(|finger| finger.position_m).collect();
             let image = made.images.index_axis(Axis(0), frame);
             raster.pixels_from_image_into(image, &mut pixels)?;
             away.extend(artefact_energy(&pixels, &cells, &places, WITHIN_M)?);
@@ -193,7 +197,7 @@ impl Shown {
             (fingers, frames) = (fingers + places.len(), frames + 1);
             invented += found.extra;
             errors_m.extend(found.errors_m.into_iter().flatten());
-            let truth = &self.made.truth.conductivity_change_s;
+            let truth = &self.simulation.truth.conductivity_change_s;
             let truth = truth.index_axis(Axis(0), frame);
             let [image, truth] = [image, truth].map(|image| near(raster, image, &places));
             contrast.push(image / truth);
@@ -210,25 +214,25 @@ impl Shown {
     }
 
     /// Cells of a row about touches.
-    fn judge_touches(&self, made: &Chained) -> Result<Vec<Cell>, ReportError> {
+    fn touch_cells(&self, made: &Chained) -> Result<Vec<Cell>, ReportError> {
         let found = touches(&made.fitted, None, &mut Progress::silent())?;
         let Some(found) = found else {
             return Err(ReportError::Failure(
                 "the noise of simulated frames is unknown".to_owned(),
             ));
         };
-        let mut tally = Tally::default();
+        let mut scores = TrackingScores::default();
         for frame in self.script.quiet_frames..self.script.frames {
             let of_frame = found.rows.iter().filter(|row| row.frame == frame);
             let touches: Vec<Touch> = of_frame.map(|row| row.touch).collect();
-            tally.add(&self.present(frame), &touches);
+            scores.add(&self.present(frame), &touches);
         }
         Ok(vec![
             Cell::Number(f64::NAN, 3),
-            Cell::Number(1e3 * quantile(&tally.errors_m, 0.5), 1),
-            Cell::Number(1e3 * quantile(&tally.errors_m, 0.95), 1),
-            Cell::Number(tally.found as f64 / tally.fingers as f64, 3),
-            Cell::Number(tally.false_touches as f64 / tally.frames as f64, 3),
+            Cell::Number(1e3 * quantile(&scores.errors_m, 0.5), 1),
+            Cell::Number(1e3 * quantile(&scores.errors_m, 0.95), 1),
+            Cell::Number(scores.found as f64 / scores.fingers as f64, 3),
+            Cell::Number(scores.false_touches as f64 / scores.frames as f64, 3),
             Cell::Number(f64::NAN, 2),
         ])
     }

@@ -1,18 +1,18 @@
 //! GREIT figures of merit over the disc, for every method.
 
-use super::super::bench::{ENTRANTS, Entry};
 use super::super::scores::{Scores, Truth};
-use super::Grid;
-use super::lab::{DATA_NODES, Lab};
-use super::table::{Cell, Table};
+use super::super::solver::{METHODS, Solver};
+use super::super::table::{Cell, Table};
+use super::grid::Grid;
+use super::simulated_disc::{RADIUS_M, SIMULATION_NODES, SimulatedDisc};
 use crate::error::ReportError;
-use crate::simulate::{Finger, FingerShape, TouchMovie};
+use crate::simulate::{Finger, FingerShape, TouchSequence};
 use eit_inverse::{DifferenceFrames, Stop};
 use eit_skin::Progress;
 use eit_skin::scene::Rule;
 
 /// Methods that are compared: all but the absolute one, which takes too long.
-pub(super) const METHODS: usize = ENTRANTS.len() - 1;
+pub(super) const COMPARED: usize = METHODS.len() - 1;
 /// Noise of the frames.
 const NOISE_DB: f64 = 60.0;
 /// Frames of the held touch.
@@ -24,38 +24,39 @@ const TARGET_GAP: f64 = 1e-2;
 
 /// The table: one row for each radius and method.
 pub(super) fn table(
-    lab: &Lab,
+    disc: &SimulatedDisc,
     grid: &Grid,
     bar: &eit_skin::Steps<'_>,
 ) -> Result<Table, ReportError> {
-    let bench = &lab.bench;
+    let model = &disc.model;
     let finger = Finger { shape: FingerShape::Bell, sigma_m: 0.01, change: 0.3 };
     let mut rows = Vec::new();
     for &part in grid.greit_radii {
-        let r = part * lab.radius_m;
+        let r = part * disc.radius_m;
         let place = [r * f64::cos(ANGLE), r * f64::sin(ANGLE)];
         let positions_m = vec![vec![place]; FRAMES];
-        let movie = TouchMovie { positions_m, finger, rate_hz: 10.0 };
+        let sequence = TouchSequence { positions_m, finger, rate_hz: 10.0 };
         let mut silent = Progress::silent();
-        let voltages = movie.voltages(&lab.data, &mut silent)?;
-        let pixels = bench.pixels_of(movie.truth(lab.sheet_s(), &bench.raster).view())?;
-        let truth = Truth { pixels: &pixels, positions_m: &movie.positions_m };
+        let voltages = sequence.voltages(&disc.simulation, &mut silent)?;
+        let pixels =
+            model.pixels_of(sequence.truth(disc.conductivity_s(), &model.raster).view())?;
+        let truth = Truth { pixels: &pixels, positions_m: &sequence.positions_m };
         let noise_std_v = voltages.noise_std_v(NOISE_DB);
         let frames = voltages.with_noise(noise_std_v, 1)?;
-        let values = frames.differences(bench.kind());
+        let values = frames.differences(model.difference_kind());
         let differences = DifferenceFrames::all_good(values.view());
-        for entrant in &ENTRANTS[..METHODS] {
-            let settings = entrant.settings(bench, Rule::NoiseFigure);
-            let fitted = bench.fitted(&frames, noise_std_v, settings);
-            let mut entry = Entry::new(bench, &fitted, entrant.method)?;
+        for method in &METHODS[..COMPARED] {
+            let settings = method.settings(model, Rule::NoiseFigure);
+            let fitted = model.fit(&frames, noise_std_v, settings);
+            let mut solver = Solver::new(model, &fitted, method.method)?;
             let stop = Stop { target_gap: TARGET_GAP, ..Default::default() };
-            let found = entry.run(&differences, &stop)?;
-            let scores = Scores::new(bench, found.pixels.view(), &truth)?;
+            let found = solver.run(&differences, &stop)?;
+            let scores = Scores::new(model, found.pixels.view(), &truth)?;
             bar.inc();
             let Some(greit) = scores.greit else { continue };
             rows.push(vec![
                 Cell::text(part),
-                Cell::text(entrant.name()),
+                Cell::text(method.name()),
                 Cell::Number(greit.amplitude_response, 2),
                 Cell::Number(1e3 * greit.position_error_m, 2),
                 Cell::Number(greit.resolution, 3),
@@ -69,12 +70,12 @@ pub(super) fn table(
         title: "GREIT figures of merit over the disc",
         note: format!(
             "A bell of 10 mm and 30 % held for {FRAMES} frames at each radius (part of the skin's), \
-             {NOISE_DB} dB on frames and reference, data of about {DATA_NODES} nodes; means over the frames. \
+             {NOISE_DB} dB on frames and reference, data of about {SIMULATION_NODES} nodes; means over the frames. \
              Hyperparameter by noise figure 1, weights of total variation by the rule of `eit \
              reconstruct`. AR: amplitude response (1 best); PE: amount of the position error along \
              the radius, mm; RES: resolution; SD: shape deformation; RNG: ringing (0 best). The \
              truth's own RES is {:.3}.",
-            truth_resolution(lab)
+            truth_resolution(disc)
         ),
         columns: vec!["radius", "method", "AR", "PE, mm", "RES", "SD", "RNG"],
         rows,
@@ -82,6 +83,6 @@ pub(super) fn table(
 }
 
 /// Resolution of the true bell: it is above a quarter of its peak within `sigma sqrt(2 ln 4)`.
-fn truth_resolution(lab: &Lab) -> f64 {
-    super::lab::RADIUS_M * (2.0 * 4.0_f64.ln()).sqrt() / lab.radius_m
+fn truth_resolution(disc: &SimulatedDisc) -> f64 {
+    RADIUS_M * (2.0 * 4.0_f64.ln()).sqrt() / disc.radius_m
 }

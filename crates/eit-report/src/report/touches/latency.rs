@@ -1,9 +1,11 @@
 //! Time from a frame to its list of touches.
 
-use super::Grid;
-use super::eyes::{difference, one_step, total_variation};
-use super::lab::{Lab, Random, bell};
-use super::table::{Cell, Table, quantile};
+use super::super::statistics::quantile;
+use super::super::table::{Cell, Table};
+use super::detectors::{OneStepDetector, difference, total_variation};
+use super::grid::Grid;
+use super::random::Random;
+use super::simulated_disc::{SimulatedDisc, bell};
 use crate::error::ReportError;
 use eit_inverse::touch::{NoiseFloor, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{AdaptiveReference, ReferenceSettings, StTvStream, StreamSettings};
@@ -22,14 +24,14 @@ const AROUND: usize = 40;
 
 /// One-step images and ST-TV, frame by frame.
 pub(super) fn table(
-    lab: &Lab,
+    disc: &SimulatedDisc,
     grid: &Grid,
     bar: &eit_skin::Steps<'_>,
 ) -> Result<Table, ReportError> {
-    let clean = circle(lab)?;
-    let one_step = one_step_times(lab, &clean, grid.latency_frames)?;
+    let clean = circle(disc)?;
+    let one_step = one_step_times(disc, &clean, grid.latency_frames)?;
     bar.inc();
-    let tv = tv_times(lab, &clean, grid.latency_frames.div_ceil(8))?;
+    let tv = tv_times(disc, &clean, grid.latency_frames.div_ceil(8))?;
     bar.inc();
     let rows =
         [("one-step", one_step), ("st-tv stream, window 8, lag 3", tv)].map(|(name, run)| {
@@ -53,7 +55,7 @@ pub(super) fn table(
              dB, after {QUIET} quiet frames. ST-TV: certified gap of 1 %; its images are three \
              frames late by choice, which is not in the time. Touched: share of frames with a touch \
              in the list.",
-            lab.bench.raster.pixels(),
+            disc.model.raster.pixels(),
             NOISE_DB
         ),
         columns: vec!["method", "frames", "touched", "median", "95 %", "99 %", "worst"],
@@ -68,38 +70,41 @@ struct Run {
 }
 
 /// Frames of two opposite touches that turn, without noise.
-fn circle(lab: &Lab) -> Result<Vec<Vec<f64>>, ReportError> {
+fn circle(disc: &SimulatedDisc) -> Result<Vec<Vec<f64>>, ReportError> {
     let at = |k: usize| {
         let angle = TAU * k as f64 / AROUND as f64;
-        let r = 0.5 * lab.radius_m;
+        let r = 0.5 * disc.radius_m;
         [1.0, -1.0].map(|s| bell([s * r * angle.cos(), s * r * angle.sin()]))
     };
-    (0..AROUND).map(|k| lab.voltages(&at(k))).collect()
+    (0..AROUND).map(|k| disc.voltages(&at(k))).collect()
 }
 
 /// The clean voltages of a frame of the run.
-fn shown<'a>(lab: &'a Lab, clean: &'a [Vec<f64>], frame: usize) -> &'a [f64] {
-    if frame < QUIET { &lab.reference_v } else { &clean[frame % clean.len()] }
+fn shown<'a>(disc: &'a SimulatedDisc, clean: &'a [Vec<f64>], frame: usize) -> &'a [f64] {
+    if frame < QUIET { &disc.reference_v } else { &clean[frame % clean.len()] }
 }
 
-fn follow(lab: &Lab) -> Result<AdaptiveReference, ReportError> {
-    let noise = vec![lab.noise_std_v(NOISE_DB); lab.reference_v.len()];
+fn follow(disc: &SimulatedDisc) -> Result<AdaptiveReference, ReportError> {
+    let noise = vec![disc.noise_std_v(NOISE_DB); disc.reference_v.len()];
     let settings = ReferenceSettings::default();
-    Ok(AdaptiveReference::with_noise(&lab.reference_v, &noise, settings)?)
+    Ok(AdaptiveReference::with_noise(&disc.reference_v, &noise, settings)?)
 }
 
-fn one_step_times(lab: &Lab, clean: &[Vec<f64>], frames: usize) -> Result<Run, ReportError> {
-    let noise = lab.noise_std_v(NOISE_DB);
-    let (reconstructor, floor) = one_step(lab, noise)?;
+fn one_step_times(
+    disc: &SimulatedDisc,
+    clean: &[Vec<f64>],
+    frames: usize,
+) -> Result<Run, ReportError> {
+    let noise = disc.noise_std_v(NOISE_DB);
+    let OneStepDetector { reconstructor, floor } = OneStepDetector::new(disc, noise)?;
     let mut workspace = reconstructor.workspace();
     let mut image = vec![0.0; reconstructor.image_len()];
-    let settings = TouchStreamSettings { frame_rate_hz: RATE_HZ, ..Default::default() };
-    let mut stream = TouchStream::new(lab.cells.clone(), floor, settings)?;
-    let mut reference = follow(lab)?;
+    let mut stream = tracker(disc, floor)?;
+    let mut reference = follow(disc)?;
     let mut random = Random::new(3, 1);
     let (mut seconds, mut touched, mut contact) = (Vec::with_capacity(frames), 0, false);
     for k in 0..QUIET + frames {
-        let frame = random.noisy(shown(lab, clean, k), noise);
+        let frame = random.noisy(shown(disc, clean, k), noise);
         let start = Instant::now();
         reference.push(&frame, k as f64 / RATE_HZ, contact)?;
         reconstructor.reconstruct_into(
@@ -118,25 +123,25 @@ fn one_step_times(lab: &Lab, clean: &[Vec<f64>], frames: usize) -> Result<Run, R
     Ok(Run { seconds, touched: touched as f64 / frames as f64 })
 }
 
-fn tv_times(lab: &Lab, clean: &[Vec<f64>], frames: usize) -> Result<Run, ReportError> {
-    let noise = lab.noise_std_v(NOISE_DB);
+fn tv_times(disc: &SimulatedDisc, clean: &[Vec<f64>], frames: usize) -> Result<Run, ReportError> {
+    let noise = disc.noise_std_v(NOISE_DB);
     let mut random = Random::new(3, 2);
-    let mut few = Array2::zeros((8, lab.reference_v.len()));
+    let mut few = Array2::zeros((8, disc.reference_v.len()));
     for (mut row, voltages) in few.rows_mut().into_iter().zip(clean) {
         row.iter_mut().zip(random.noisy(voltages, noise)).for_each(|(r, v)| *r = v);
     }
-    let solver = total_variation(lab, few, &lab.reference_v, noise)?;
+    let solver = total_variation(disc, few, &disc.reference_v, noise)?;
     let mut images = StTvStream::new(solver, StreamSettings::default())?;
     // the floor of one-step images: too high for these, so that it costs no false touch
-    let (_, floor) = one_step(lab, noise)?;
-    let mut touches = tracker(lab, floor)?;
-    let mut reference = follow(lab)?;
+    let OneStepDetector { floor, .. } = OneStepDetector::new(disc, noise)?;
+    let mut touches = tracker(disc, floor)?;
+    let mut reference = follow(disc)?;
     let (mut seconds, mut touched, mut contact) = (Vec::with_capacity(frames), 0, false);
     for k in 0..QUIET + frames {
-        let frame = random.noisy(shown(lab, clean, k), noise);
+        let frame = random.noisy(shown(disc, clean, k), noise);
         let start = Instant::now();
         reference.push(&frame, k as f64 / RATE_HZ, contact)?;
-        let values = difference(lab, &frame, reference.reference());
+        let values = difference(disc, &frame, reference.reference());
         let row = values.as_slice().unwrap_or_default();
         if let Some(image) = images.push(row, None)?.image {
             let found = touches.push(image, k as f64 / RATE_HZ)?;
@@ -150,7 +155,7 @@ fn tv_times(lab: &Lab, clean: &[Vec<f64>], frames: usize) -> Result<Run, ReportE
     Ok(Run { seconds, touched: touched as f64 / frames as f64 })
 }
 
-fn tracker(lab: &Lab, floor: NoiseFloor) -> Result<TouchStream, ReportError> {
+fn tracker(disc: &SimulatedDisc, floor: NoiseFloor) -> Result<TouchStream, ReportError> {
     let settings = TouchStreamSettings { frame_rate_hz: RATE_HZ, ..Default::default() };
-    Ok(TouchStream::new(lab.cells.clone(), floor, settings)?)
+    Ok(TouchStream::new(disc.cells.clone(), floor, settings)?)
 }

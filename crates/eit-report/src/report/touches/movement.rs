@@ -1,15 +1,16 @@
 //! What the movement of electrodes costs: touches of the simulated fabric, with a rigid rim, with a
 //! rim that gives way, with a finger that slides, and with all else that a fabric does.
 
-use super::eyes::Eyes;
-use super::lab::{Lab, RINGS, Random};
-use super::position::{distance_m, places};
-use super::table::{Cell, Table, quantile, rms};
-use super::{Grid, METHODS};
+use super::super::statistics::{quantile, rms};
+use super::super::table::{Cell, Table};
+use super::estimators::{Estimator, TouchEstimators};
+use super::fabric::{FabricFrames, simulate};
+use super::grid::Grid;
+use super::random::Random;
+use super::simulated_disc::{RINGS, SimulatedDisc, distance_m};
 use crate::error::ReportError;
 use eit_fem::fabric::{
-    Fabric, FabricSettings, Finger, Instrument, Interpolation, Key, Membrane, Rim,
-    SimulationSettings, Tip, TouchScript,
+    FabricSettings, Finger, Instrument, Interpolation, Key, Membrane, Rim, Tip, TouchScript,
 };
 use eit_inverse::touch::{Bell, Nuisance};
 use ndarray::{Array2, Axis};
@@ -27,8 +28,16 @@ const STEP_M: f64 = 0.005;
 /// Frames a second of the script.
 const RATE_HZ: f64 = 10.0;
 
-/// Fabrics, each with what its finger does.
-fn fabrics() -> [(&'static str, FabricSettings, bool); FABRICS] {
+/// A fabric and what its finger does.
+struct FabricCase {
+    name: &'static str,
+    settings: FabricSettings,
+    /// Whether the finger slides to its place.
+    slides: bool,
+}
+
+/// Fabrics, from the rigid one to one with everything.
+fn fabrics() -> [FabricCase; FABRICS] {
     let rigid = FabricSettings::ideal();
     let moving = FabricSettings {
         membrane: Membrane::default(),
@@ -39,51 +48,54 @@ fn fabrics() -> [(&'static str, FabricSettings, bool); FABRICS] {
         instrument: Instrument { loose: Vec::new(), ..rigid.instrument.clone() },
         ..FabricSettings::default()
     };
+    let case = |name, settings, slides| FabricCase { name, settings, slides };
     [
-        ("nothing moves", rigid, false),
-        ("rim gives way, pressed", moving.clone(), false),
-        ("rim gives way, sliding", moving, true),
-        ("with weave, memory, drift, sliding", all, true),
+        case("nothing moves", rigid, false),
+        case("rim gives way, pressed", moving.clone(), false),
+        case("rim gives way, sliding", moving, true),
+        case("with weave, memory, drift, sliding", all, true),
     ]
 }
 
-/// The table of movement: one row for each ring, fabric and method.
+/// The table of movement: one row for each ring, fabric and estimator.
 pub(super) fn table(
-    lab: &Lab,
+    disc: &SimulatedDisc,
     grid: &Grid,
     bar: &eit_skin::Steps<'_>,
 ) -> Result<Table, ReportError> {
-    let mut eyes = Eyes::new(lab, NOISE_DB)?;
+    let mut estimators = TouchEstimators::new(disc, NOISE_DB, grid.quiet_frames)?;
     let all: Vec<Vec<[f64; 2]>> =
-        RINGS.iter().map(|&ring| places(lab, ring, grid.places)).collect();
+        RINGS.iter().map(|&ring| disc.places(ring, grid.places)).collect();
     let flat: Vec<[f64; 2]> = all.iter().flatten().copied().collect();
     let mut bounds_m = vec![f64::NAN; RINGS.len()];
-    let mut still_m = vec![[f64::NAN; METHODS.len()]; RINGS.len()];
+    let mut still_m = vec![[f64::NAN; Estimator::ALL.len()]; RINGS.len()];
     let mut rows = Vec::new();
-    for (number, (name, settings, slides)) in fabrics().into_iter().enumerate() {
-        let (frames, reference) = pressed(lab, &settings, &flat, slides)?;
+    for (number, case) in fabrics().iter().enumerate() {
+        let pressed = pressed(disc, case, &flat)?;
+        let reference = &pressed.reference;
         for (ring, places) in all.iter().enumerate() {
             let from = ring * grid.places;
             let frames: Vec<Vec<f64>> =
-                (from..from + grid.places).map(|k| frames.row(k).to_vec()).collect();
+                (from..from + grid.places).map(|k| pressed.values.row(k).to_vec()).collect();
             if number == 0 {
-                bounds_m[ring] = bound_m(&mut eyes, &frames, &reference)?;
+                bounds_m[ring] = bound_m(&mut estimators, &frames, reference)?;
             }
-            let errors = errors_m(&mut eyes, (places, &frames, &reference), grid)?;
-            for (method, errors_m) in errors.iter().enumerate() {
+            let trials = grid.trials.div_ceil(grid.places);
+            let errors = errors_m(&mut estimators, places, &frames, reference, trials)?;
+            for (k, (estimator, errors_m)) in Estimator::ALL.iter().zip(&errors).enumerate() {
                 let median = quantile(errors_m, 0.5);
                 if number == 0 {
-                    still_m[ring][method] = median;
+                    still_m[ring][k] = median;
                 }
                 rows.push(vec![
                     Cell::text(RINGS[ring]),
-                    Cell::text(name),
-                    Cell::text(METHODS[method]),
+                    Cell::text(case.name),
+                    Cell::text(estimator.name()),
                     Cell::Number(1e3 * median, 2),
                     Cell::Number(1e3 * quantile(errors_m, 0.95), 2),
                     Cell::Number(1e3 * bounds_m[ring], 3),
                     Cell::Number(1.201 * median / bounds_m[ring], 1),
-                    Cell::Number(median / still_m[ring][method], 1),
+                    Cell::Number(median / still_m[ring][k], 1),
                 ]);
             }
             bar.inc();
@@ -118,15 +130,14 @@ pub(super) fn table(
 
 /// One frame of a finger at each place, and the untouched skin, without instrument.
 fn pressed(
-    lab: &Lab,
-    settings: &FabricSettings,
+    disc: &SimulatedDisc,
+    case: &FabricCase,
     places: &[[f64; 2]],
-    slides: bool,
-) -> Result<(Array2<f64>, Vec<f64>), ReportError> {
+) -> Result<FabricFrames, ReportError> {
     let mut random = Random::new(29, 0);
     let finger = |k: usize, place: [f64; 2]| {
         let angle = TAU * random.uniform();
-        let step = if slides { STEP_M } else { 0.0 };
+        let step = if case.slides { STEP_M } else { 0.0 };
         let before = [place[0] - step * angle.cos(), place[1] - step * angle.sin()];
         let key = |frame: usize, position_m| Key {
             time_s: frame as f64 / RATE_HZ,
@@ -153,65 +164,51 @@ fn pressed(
             })
             .collect(),
     };
-    let (frames, reference) = simulate(lab, settings, &script)?;
+    let FabricFrames { values, reference } = simulate(disc, &case.settings, &script)?;
     let wanted: Vec<usize> = (0..places.len()).map(|k| 2 * k + 2).collect();
-    Ok((frames.select(Axis(0), &wanted), reference))
-}
-
-/// Frames of a script without instrument, and the untouched skin.
-pub(super) fn simulate(
-    lab: &Lab,
-    settings: &FabricSettings,
-    script: &TouchScript,
-) -> Result<(Array2<f64>, Vec<f64>), ReportError> {
-    let skin = &lab.data;
-    let (sheet_s, impedance) = (skin.conductivity_s, &skin.contact_impedance);
-    let fabric = Fabric::new(&skin.mesh, &skin.protocol, sheet_s, impedance, settings)?;
-    // the truth images are not looked at
-    let raster = eit_mesh::Raster::new(skin.mesh.surface(), 8)?;
-    let how = SimulationSettings::default();
-    let made = fabric.simulate(script, &raster, &how, &mut |_| {})?;
-    Ok((made.exact_v, made.reference_v.to_vec()))
+    Ok(FabricFrames { values: values.select(Axis(0), &wanted), reference })
 }
 
 /// Bound of the bells that fit frames without noise, root mean square distance, metres.
 fn bound_m(
-    eyes: &mut Eyes<'_>,
+    estimators: &mut TouchEstimators<'_>,
     frames: &[Vec<f64>],
     reference: &[f64],
 ) -> Result<f64, ReportError> {
     let mut bounds = Vec::new();
     for frame in frames {
-        let fitted = eyes.one_bell(frame, reference)?;
+        let fitted = estimators.one_bell(frame, reference)?;
         let bells: Vec<Bell> = fitted.touches.iter().map(|touch| touch.bell).collect();
-        let found = eyes.fit.bound(&bells, Nuisance::AmplitudeAndRadius)?;
+        let found = estimators.fit.bound(&bells, Nuisance::AmplitudeAndRadius)?;
         bounds.extend(found.iter().map(|bound| SQRT_2 * bound.position_std_m));
     }
     Ok(rms(&bounds))
 }
 
-/// Distances of each method's touch from the truth, metres.
+/// Distances of each estimator's touch from the truth, metres.
 fn errors_m(
-    eyes: &mut Eyes<'_>,
-    (places, frames, reference): (&[[f64; 2]], &[Vec<f64>], &[f64]),
-    grid: &Grid,
+    estimators: &mut TouchEstimators<'_>,
+    places: &[[f64; 2]],
+    frames: &[Vec<f64>],
+    reference: &[f64],
+    trials: usize,
 ) -> Result<[Vec<f64>; 3], ReportError> {
     let mut errors: [Vec<f64>; 3] = Default::default();
     for (k, (place, clean)) in places.iter().zip(frames).enumerate() {
         let mut random = Random::new(31, k as u64);
         if k == 0 {
-            let frame = random.noisy(clean, eyes.noise_std_v);
+            let frame = random.noisy(clean, estimators.noise_std_v);
             let frame = Array2::from_shape_vec((1, frame.len()), frame)
                 .map_err(|e| ReportError::Failure(e.to_string()))?;
-            eyes.open_tv(frame, reference)?;
+            estimators.prepare_st_tv(frame, reference)?;
         }
-        for _ in 0..grid.trials.div_ceil(grid.places) {
-            let frame = random.noisy(clean, eyes.noise_std_v);
-            let one_step = eyes.one_step(&frame, reference)?;
+        for _ in 0..trials {
+            let frame = random.noisy(clean, estimators.noise_std_v);
+            let one_step = estimators.one_step(&frame, reference)?;
             errors[0].extend(one_step.first().map(|t| distance_m(t.position_m, *place)));
-            let tv = eyes.tv(&frame, reference)?;
-            errors[1].extend(tv.first().map(|t| distance_m(t.position_m, *place)));
-            let fitted = eyes.one_bell(&frame, reference)?;
+            let st_tv = estimators.st_tv(&frame, reference)?;
+            errors[1].extend(st_tv.first().map(|t| distance_m(t.position_m, *place)));
+            let fitted = estimators.one_bell(&frame, reference)?;
             let touch = fitted.touches.first();
             errors[2].extend(touch.map(|t| distance_m(t.bell.position_m, *place)));
         }

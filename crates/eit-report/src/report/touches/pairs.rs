@@ -1,11 +1,13 @@
 //! The smallest distance at which two equal touches are seen as two.
 
-use super::eyes::Eyes;
-use super::lab::{Lab, RADIUS_M, RINGS, Random, bell};
-use super::position::distance_m;
-use super::table::{Cell, Table};
-use super::{Grid, METHODS, at_each};
+use super::super::table::{Cell, Table};
+use super::estimators::{Estimator, TouchEstimators};
+use super::grid::Grid;
+use super::noise_levels::at_each;
+use super::random::Random;
+use super::simulated_disc::{RADIUS_M, RINGS, SimulatedDisc, bell, distance_m};
 use crate::error::ReportError;
+use eit_inverse::touch::Touch;
 use ndarray::Array2;
 use std::f64::consts::TAU;
 
@@ -15,29 +17,31 @@ const SHARE: f64 = 0.95;
 /// Most touches that a fit may find: two, and two that would be wrong.
 const MOST: usize = 4;
 
-/// One method at one ring and noise.
+/// The least distance that one estimator separates at one ring and noise.
 pub(super) struct Separation {
     ring: f64,
     noise_db: f64,
-    method: usize,
+    estimator: Estimator,
     /// Metres; infinite where no distance of the skin is enough.
     distance_m: f64,
 }
 
-/// Every method at every ring and noise.
+/// Every estimator at every ring and noise.
 pub(super) fn measure(
-    lab: &Lab,
+    disc: &SimulatedDisc,
     grid: &Grid,
     bar: &eit_skin::Steps<'_>,
 ) -> Result<Vec<Separation>, ReportError> {
     at_each(grid.noise_db, |noise_db| {
         // many fits: on the mesh of the images at every noise
-        let mut eyes = Eyes::fitting_on(lab, noise_db, lab.bench.skin())?;
+        let fit_skin = disc.model.skin();
+        let mut estimators =
+            TouchEstimators::fitting_on(fit_skin, disc, noise_db, grid.quiet_frames)?;
         let mut all = Vec::new();
         for ring in RINGS {
-            for method in 0..METHODS.len() {
-                let distance_m = least(lab, &mut eyes, (ring, noise_db, method), grid)?;
-                all.push(Separation { ring, noise_db, method, distance_m });
+            for estimator in Estimator::ALL {
+                let distance_m = least(&mut estimators, estimator, ring, grid)?;
+                all.push(Separation { ring, noise_db, estimator, distance_m });
                 bar.inc();
             }
         }
@@ -48,17 +52,17 @@ pub(super) fn measure(
 /// The smallest distance of the grid at which enough trials show two, by halving: where a distance
 /// is enough, larger ones are taken to be.
 fn least(
-    lab: &Lab,
-    eyes: &mut Eyes<'_>,
-    (ring, noise_db, method): (f64, f64, usize),
+    estimators: &mut TouchEstimators<'_>,
+    estimator: Estimator,
+    ring: f64,
     grid: &Grid,
 ) -> Result<f64, ReportError> {
     let steps = grid.distances_m.len();
     let (mut low, mut high) = (0, steps);
     while low < high {
         let middle = (low + high) / 2;
-        let pair = (ring, grid.distances_m[middle]);
-        if separates(lab, eyes, (pair, noise_db, method), grid)? {
+        let pair = TouchPair { ring, apart_m: grid.distances_m[middle] };
+        if separates(estimators, estimator, &pair, grid)? {
             high = middle;
         } else {
             low = middle + 1;
@@ -68,24 +72,37 @@ fn least(
 }
 
 /// Two touches around a place of a ring, beside each other along the rim.
-fn pair(lab: &Lab, (ring, apart_m): (f64, f64), angle: f64) -> [[f64; 2]; 2] {
-    let r = ring * lab.radius_m;
-    if r == 0.0 {
-        return [1.0, -1.0]
-            .map(|s| [0.5 * s * apart_m * angle.cos(), 0.5 * s * apart_m * angle.sin()]);
-    }
-    // a chord of the ring; beyond its diameter there is none
-    let half = (0.5 * apart_m / r).min(1.0).asin();
-    [half, -half].map(|turn| [r * (angle + turn).cos(), r * (angle + turn).sin()])
+struct TouchPair {
+    /// Part of the skin's radius.
+    ring: f64,
+    /// Their distance, metres.
+    apart_m: f64,
 }
 
+impl TouchPair {
+    /// Their places at an angle of the ring, metres.
+    fn places(&self, disc: &SimulatedDisc, angle: f64) -> [[f64; 2]; 2] {
+        let Self { ring, apart_m } = *self;
+        let r = ring * disc.radius_m;
+        if r == 0.0 {
+            return [1.0, -1.0]
+                .map(|s| [0.5 * s * apart_m * angle.cos(), 0.5 * s * apart_m * angle.sin()]);
+        }
+        // a chord of the ring; beyond its diameter there is none
+        let half = (0.5 * apart_m / r).min(1.0).asin();
+        [half, -half].map(|turn| [r * (angle + turn).cos(), r * (angle + turn).sin()])
+    }
+}
+
+/// Whether enough trials show both touches of a pair.
 fn separates(
-    lab: &Lab,
-    eyes: &mut Eyes<'_>,
-    (pair_at, noise_db, method): ((f64, f64), f64, usize),
+    estimators: &mut TouchEstimators<'_>,
+    estimator: Estimator,
+    pair: &TouchPair,
     grid: &Grid,
 ) -> Result<bool, ReportError> {
-    let reference = &lab.reference_v;
+    let (disc, noise_db) = (estimators.disc, estimators.noise_db);
+    let reference = &disc.reference_v;
     let allowed = ((1.0 - SHARE) * grid.pair_trials as f64 + 1e-9) as usize;
     let mut failed = 0;
     let per_place = grid.pair_trials.div_ceil(grid.places);
@@ -93,30 +110,31 @@ fn separates(
     let mut truth = [[0.0; 2]; 2];
     for trial in 0..grid.pair_trials {
         let place = trial / per_place;
-        let seed = (10.0 * noise_db + 1e6 * pair_at.1 + 1e5 * pair_at.0) as u64;
+        let seed = (10.0 * noise_db + 1e6 * pair.apart_m + 1e5 * pair.ring) as u64;
         let mut random = Random::new(trial as u64, seed);
         if trial % per_place == 0 {
             let angle = TAU * Random::new(23, place as u64).uniform();
-            truth = pair(lab, pair_at, angle);
-            clean = lab.voltages(&truth.map(bell))?;
-            if trial == 0 && method == 1 {
-                let frame = random.noisy(&clean, eyes.noise_std_v);
+            truth = pair.places(disc, angle);
+            clean = disc.voltages(&truth.map(bell))?;
+            if trial == 0 && estimator == Estimator::StTvImage {
+                let frame = random.noisy(&clean, estimators.noise_std_v);
                 let frame = Array2::from_shape_vec((1, frame.len()), frame)
                     .map_err(|e| ReportError::Failure(e.to_string()))?;
-                eyes.open_tv(frame, reference)?;
+                estimators.prepare_st_tv(frame, reference)?;
             }
         }
-        let frame = random.noisy(&clean, eyes.noise_std_v);
-        let found: Vec<[f64; 3]> = match method {
-            0 => eyes.one_step(&frame, reference)?.iter().map(|t| t.position_m).collect(),
-            1 => eyes.tv(&frame, reference)?.iter().map(|t| t.position_m).collect(),
-            _ => {
-                let starts = eyes.starts(&frame, reference)?;
-                let (best, _) = eyes.fit.fit_number(&frame, reference, &starts, MOST)?;
+        let frame = random.noisy(&clean, estimators.noise_std_v);
+        let positions = |touches: Vec<Touch>| touches.iter().map(|t| t.position_m).collect();
+        let found: Vec<[f64; 3]> = match estimator {
+            Estimator::OneStepImage => positions(estimators.one_step(&frame, reference)?),
+            Estimator::StTvImage => positions(estimators.st_tv(&frame, reference)?),
+            Estimator::BellFit => {
+                let starts = estimators.starts(&frame, reference)?;
+                let (best, _) = estimators.fit.fit_number(&frame, reference, &starts, MOST)?;
                 best.touches.iter().map(|t| t.bell.position_m).collect()
             }
         };
-        failed += usize::from(!both(&found, truth, pair_at.1));
+        failed += usize::from(!both(&found, truth, pair.apart_m));
         if failed > allowed {
             return Ok(false);
         }
@@ -134,11 +152,11 @@ fn both(found: &[[f64; 3]], truth: [[f64; 2]; 2], apart_m: f64) -> bool {
 /// The table of distances.
 pub(super) fn table(grid: &Grid, all: &[Separation]) -> Table {
     let mut rows: Vec<Vec<Cell>> = Vec::new();
-    for of_methods in all.chunks(METHODS.len()) {
-        let Some(first) = of_methods.first() else { continue };
+    for of_estimators in all.chunks(Estimator::ALL.len()) {
+        let Some(first) = of_estimators.first() else { continue };
         let mut row = vec![Cell::text(first.ring), Cell::text(first.noise_db)];
-        for separation in of_methods {
-            debug_assert_eq!(separation.method, row.len() - 2);
+        for separation in of_estimators {
+            debug_assert_eq!(separation.estimator, Estimator::ALL[row.len() - 2]);
             row.push(Cell::Number(1e3 * separation.distance_m, 0));
         }
         rows.push(row);
@@ -158,7 +176,10 @@ pub(super) fn table(grid: &Grid, all: &[Separation]) -> Table {
             grid.pair_trials,
             grid.places,
         ),
-        columns: ["ring", "noise, dB"].into_iter().chain(METHODS).collect(),
+        columns: ["ring", "noise, dB"]
+            .into_iter()
+            .chain(Estimator::ALL.map(Estimator::name))
+            .collect(),
         rows,
     }
 }

@@ -1,9 +1,9 @@
 //! Pictures of the touch figures.
 
-use super::METHODS;
-use super::lab::RINGS;
-use super::position::Errors;
-use super::table::quantile;
+use super::super::statistics::quantile;
+use super::estimators::Estimator;
+use super::position::PositionErrors;
+use super::simulated_disc::RINGS;
 use crate::error::ReportError;
 use crate::output::OutFolder;
 use eit_picture::{Plot, Series, draw_plot};
@@ -12,7 +12,7 @@ use eit_picture::{Plot, Series, draw_plot};
 const FILES: [&str; 3] = ["position_centre.png", "position_half.png", "position_rim.png"];
 
 /// Error over noise, one picture for each ring.
-pub(super) fn draw(errors: &[Errors], out: &mut OutFolder) -> Result<(), ReportError> {
+pub(super) fn draw(errors: &[PositionErrors], out: &mut OutFolder) -> Result<(), ReportError> {
     for (ring, file) in RINGS.into_iter().zip(FILES) {
         let of_ring = || errors.iter().filter(move |e| e.ring == ring);
         let curve = |name: &str, points: Vec<[f64; 2]>| Series {
@@ -21,16 +21,17 @@ pub(super) fn draw(errors: &[Errors], out: &mut OutFolder) -> Result<(), ReportE
             line: true,
             markers: true,
         };
-        let mut series: Vec<Series> = METHODS
-            .iter()
-            .enumerate()
-            .map(|(method, name)| {
-                let of = of_ring().filter(|e| e.method == method);
-                let point = |e: &Errors| [e.noise_db, 1.201e3 * quantile(&e.errors_m, 0.5)];
-                curve(name, of.map(point).collect())
+        let mut series: Vec<Series> = Estimator::ALL
+            .into_iter()
+            .map(|estimator| {
+                let of = of_ring().filter(|e| e.estimator == estimator);
+                let point = |e: &PositionErrors| [e.noise_db, 1.201e3 * quantile(&e.errors_m, 0.5)];
+                curve(estimator.name(), of.map(point).collect())
             })
             .collect();
-        let bound = of_ring().filter(|e| e.method == 0).map(|e| [e.noise_db, 1e3 * e.bound_m]);
+        let bound = of_ring()
+            .filter(|e| e.estimator == Estimator::OneStepImage)
+            .map(|e| [e.noise_db, 1e3 * e.bound_m]);
         series.push(curve("Cramer-Rao bound", bound.collect()));
         let picture = draw_plot(&Plot {
             title: format!("Position error of a touch at {ring} of the radius"),

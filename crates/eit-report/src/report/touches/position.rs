@@ -1,28 +1,31 @@
-//! How far single touches are found from where they are, beside the Cramer-Rao bound.
+//! Position error of single touches, beside the Cramer-Rao bound.
 
-use super::eyes::Eyes;
-use super::lab::{Lab, RADIUS_M, RINGS, Random, bell};
-use super::table::{Cell, Table, quantile, rms};
-use super::{Grid, METHODS, at_each};
+use super::super::statistics::{quantile, rms};
+use super::super::table::{Cell, Table};
+use super::estimators::{Estimator, TouchEstimators};
+use super::grid::Grid;
+use super::noise_levels::at_each;
+use super::random::Random;
+use super::simulated_disc::{RADIUS_M, RINGS, SimulatedDisc, bell, distance_m};
 use crate::error::ReportError;
 use eit_inverse::touch::Nuisance;
 use ndarray::Array2;
-use std::f64::consts::{SQRT_2, TAU};
+use std::f64::consts::SQRT_2;
 
 /// Root mean square over median of the length of a plane normal vector: `sqrt(1 / ln 2)`.
 const RMS_OVER_MEDIAN: f64 = 1.201;
 
-/// A touch farther than this is not the one sought: three radii of it, metres.
+/// A touch farther than this from the finger is not its own: three radii, metres.
 const WITHIN_M: f64 = 3.0 * RADIUS_M;
 
 /// Frames that the weights of ST-TV are chosen on.
 const WEIGHT_FRAMES: usize = 3;
 
-/// One method at one ring and noise.
-pub(super) struct Errors {
+/// Errors of one estimator at one ring and noise.
+pub(super) struct PositionErrors {
     pub ring: f64,
     pub noise_db: f64,
-    pub method: usize,
+    pub estimator: Estimator,
     pub trials: usize,
     /// Distances of the found touches, metres.
     pub errors_m: Vec<f64>,
@@ -32,39 +35,24 @@ pub(super) struct Errors {
     pub bound_m: f64,
 }
 
-impl Errors {
+impl PositionErrors {
     /// Typical error over the bound: by the median, so that outliers do not decide.
     pub fn factor(&self) -> f64 {
         RMS_OVER_MEDIAN * quantile(&self.errors_m, 0.5) / self.bound_m
     }
 }
 
-/// Places of a ring: equal steps of the angle between two electrodes from a seeded start, so that
-/// no symmetry helps. The centre is one place.
-pub(super) fn places(lab: &Lab, ring: f64, count: usize) -> Vec<[f64; 2]> {
-    let electrodes = lab.data.mesh.electrodes().len() as f64;
-    let first = TAU * Random::new(17, (100.0 * ring) as u64).uniform();
-    let at = |k: usize| {
-        // once around the skin, and once through the gap between electrodes
-        let part = k as f64 / count as f64;
-        let angle = first + TAU * part + TAU / electrodes * part;
-        let r = ring * lab.radius_m;
-        [r * angle.cos(), r * angle.sin()]
-    };
-    (0..count).map(at).collect()
-}
-
-/// Every method at every ring and noise.
+/// Every estimator at every ring and noise.
 pub(super) fn measure(
-    lab: &Lab,
+    disc: &SimulatedDisc,
     grid: &Grid,
     bar: &eit_skin::Steps<'_>,
-) -> Result<Vec<Errors>, ReportError> {
+) -> Result<Vec<PositionErrors>, ReportError> {
     at_each(grid.noise_db, |noise_db| {
-        let mut eyes = Eyes::new(lab, noise_db)?;
+        let mut estimators = TouchEstimators::new(disc, noise_db, grid.quiet_frames)?;
         let mut all = Vec::new();
         for ring in RINGS {
-            all.extend(at_ring(lab, &mut eyes, (ring, noise_db), grid)?);
+            all.extend(at_ring(&mut estimators, ring, grid)?);
             bar.inc();
         }
         Ok(all)
@@ -72,83 +60,84 @@ pub(super) fn measure(
 }
 
 fn at_ring(
-    lab: &Lab,
-    eyes: &mut Eyes<'_>,
-    (ring, noise_db): (f64, f64),
+    estimators: &mut TouchEstimators<'_>,
+    ring: f64,
     grid: &Grid,
-) -> Result<Vec<Errors>, ReportError> {
-    let reference = &lab.reference_v;
+) -> Result<Vec<PositionErrors>, ReportError> {
+    let (disc, noise_db) = (estimators.disc, estimators.noise_db);
+    let reference = &disc.reference_v;
     let mut errors: [Vec<f64>; 3] = Default::default();
     let mut elsewhere = [0; 3];
     let mut bounds_m = Vec::new();
-    for (k, place) in places(lab, ring, grid.places).into_iter().enumerate() {
+    for (k, place) in disc.places(ring, grid.places).into_iter().enumerate() {
         let truth = bell(place);
-        let clean = lab.voltages(&[truth])?;
-        let bounds = eyes.fit.bound(&[truth], Nuisance::AmplitudeAndRadius)?;
+        let clean = disc.voltages(&[truth])?;
+        let bounds = estimators.fit.bound(&[truth], Nuisance::AmplitudeAndRadius)?;
         bounds_m.extend(bounds.iter().map(|b| SQRT_2 * b.position_std_m));
         let mut random = Random::new(k as u64, (10.0 * noise_db + 1000.0 * ring) as u64);
-        let noise = eyes.noise_std_v;
+        let noise = estimators.noise_std_v;
         if k == 0 {
             let few = (0..WEIGHT_FRAMES).flat_map(|_| random.noisy(&clean, noise)).collect();
             let shape = (WEIGHT_FRAMES, clean.len());
             let few = Array2::from_shape_vec(shape, few)
                 .map_err(|e| ReportError::Failure(e.to_string()))?;
-            eyes.open_tv(few, reference)?;
+            estimators.prepare_st_tv(few, reference)?;
         }
         for _ in 0..grid.trials.div_ceil(grid.places) {
             let frame = random.noisy(&clean, noise);
-            let found = found_at(eyes, &frame, reference)?;
-            for (method, at) in found.into_iter().enumerate() {
+            let found = found_at(estimators, &frame, reference)?;
+            for (k, at) in found.into_iter().enumerate() {
                 let Some(error_m) = at.map(|at| distance_m(at, place)) else { continue };
                 if error_m <= WITHIN_M {
-                    errors[method].push(error_m);
+                    errors[k].push(error_m);
                 } else {
-                    elsewhere[method] += 1;
+                    elsewhere[k] += 1;
                 }
             }
         }
     }
     let trials = grid.places * grid.trials.div_ceil(grid.places);
     let bound_m = rms(&bounds_m);
-    let of = |(method, errors_m)| {
-        let elsewhere = elsewhere[method];
-        Errors { ring, noise_db, method, trials, errors_m, elsewhere, bound_m }
+    let all = Estimator::ALL.into_iter().zip(errors).zip(elsewhere);
+    let of = |((estimator, errors_m), elsewhere)| PositionErrors {
+        ring,
+        noise_db,
+        estimator,
+        trials,
+        errors_m,
+        elsewhere,
+        bound_m,
     };
-    Ok(errors.into_iter().enumerate().map(of).collect())
+    Ok(all.map(of).collect())
 }
 
-/// Place of the strongest touch that each method finds in a frame.
+/// Place of the strongest touch that each estimator finds in a frame, as in [`Estimator::ALL`].
 ///
 /// The fit of one bell counts where Schwarz's criterion asks for it (`TouchFit::fit_number`).
 fn found_at(
-    eyes: &mut Eyes<'_>,
+    estimators: &mut TouchEstimators<'_>,
     frame: &[f64],
     reference: &[f64],
 ) -> Result<[Option<[f64; 3]>; 3], ReportError> {
-    let one_step = eyes.one_step(frame, reference)?.first().map(|t| t.position_m);
-    let tv = eyes.tv(frame, reference)?.first().map(|t| t.position_m);
-    let fit = eyes.one_bell(frame, reference)?;
+    let one_step = estimators.one_step(frame, reference)?.first().map(|t| t.position_m);
+    let st_tv = estimators.st_tv(frame, reference)?.first().map(|t| t.position_m);
+    let fit = estimators.one_bell(frame, reference)?;
     let gain = (fit.chi_square_without - fit.chi_square) / fit.reduced_chi_square().max(1.0);
     let wanted = fit.covariance.nrows() as f64 * (frame.len() as f64).ln();
     let bell = fit.touches.first().filter(|_| gain > wanted).map(|t| t.bell.position_m);
-    Ok([one_step, tv, bell])
-}
-
-/// Straight distance in the plane, metres.
-pub(super) fn distance_m(found: [f64; 3], place: [f64; 2]) -> f64 {
-    (found[0] - place[0]).hypot(found[1] - place[1])
+    Ok([one_step, st_tv, bell])
 }
 
 /// The table of positions.
-pub(super) fn table(lab: &Lab, grid: &Grid, all: &[Errors]) -> Table {
-    let diameter_m = 2.0 * lab.radius_m;
-    let row = |errors: &Errors| {
+pub(super) fn table(disc: &SimulatedDisc, grid: &Grid, all: &[PositionErrors]) -> Table {
+    let diameter_m = 2.0 * disc.radius_m;
+    let row = |errors: &PositionErrors| {
         let [median, p95] = [0.5, 0.95].map(|part| quantile(&errors.errors_m, part));
         let found = errors.errors_m.len() as f64 / errors.trials as f64;
         vec![
             Cell::text(errors.ring),
             Cell::text(errors.noise_db),
-            Cell::text(METHODS[errors.method]),
+            Cell::text(errors.estimator.name()),
             Cell::Number(found, 2),
             Cell::Number(errors.elsewhere as f64 / errors.trials as f64, 2),
             Cell::Number(1e3 * median, 2),
@@ -176,12 +165,12 @@ pub(super) fn table(lab: &Lab, grid: &Grid, all: &[Errors]) -> Table {
              ST-TV of a single frame, never below 0 (st-tv ≥ 0).",
             all.first().map_or(0, |e| e.trials),
             grid.places,
-            lab.data.mesh.surface().nodes().len(),
-            lab.bench.skin().mesh.surface().nodes().len(),
-            lab.bench.skin().mesh.surface().nodes().len(),
-            lab.fine_fit.mesh.surface().nodes().len(),
+            disc.simulation.mesh.surface().nodes().len(),
+            disc.model.skin().mesh.surface().nodes().len(),
+            disc.model.skin().mesh.surface().nodes().len(),
+            disc.fine_fit.mesh.surface().nodes().len(),
             1e3 * WITHIN_M,
-            lab.quiet,
+            grid.quiet_frames,
         ),
         columns: vec![
             "ring",

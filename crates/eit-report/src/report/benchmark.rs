@@ -1,0 +1,151 @@
+//! Error against run time: every solver on every built-in scene, measured now and here.
+//!
+//! A scene is a skin, two slowly moving fingers (once soft, once with an edge) and noise, or the
+//! paper's experiments on the simulated fabric; simulated on a finer mesh, reconstructed on another.
+//! A direct method gives one point; an iterative one gives a curve over the gaps that it is run to, each
+//! from a cold start. The forward problem of every skin is solved on many meshes; some skins are there for
+//! that alone. Beside each time stands its floor: the same work at this machine's best rates.
+//!
+//! The report is rewritten after every scene, so an interrupted run leaves the scenes that are finished.
+
+mod budgets;
+mod fabric;
+mod forward;
+mod forward_cases;
+mod image_cases;
+mod image_plots;
+mod images;
+mod inverse;
+mod merged;
+mod page;
+mod peers;
+mod picture;
+mod plan_check;
+mod recording;
+mod results;
+mod roofline;
+mod scenes;
+mod settings;
+mod table;
+mod work_precision;
+
+use crate::Answer;
+use crate::error::ReportError;
+use crate::output::OutFolder;
+use crate::settings::ReportSettings;
+use eit_skin::plan::machine::Machine;
+use eit_skin::{Progress, StopFlag};
+use forward_cases::FORWARD_CASES;
+use image_cases::IMAGE_CASES;
+use results::BenchmarkResults;
+use roofline::Roofline;
+use scenes::BenchmarkScene;
+use settings::{BenchmarkSettings, FULL, QUICK};
+
+/// Simulates, runs every solver, draws; writes the report after each scene. `files` are those of every
+/// report: this run removes the ones that it does not make.
+pub(super) fn run(
+    report: &ReportSettings,
+    files: &[&str],
+    stop: &StopFlag,
+    progress: &mut Progress,
+) -> Result<Answer, ReportError> {
+    let size = if report.quick { &QUICK } else { &FULL };
+    let scenes = scenes::chosen(report)?;
+    report.peers.as_deref().map_or(Ok(()), peers::check)?;
+    // a folder that cannot be written to is refused before any work
+    OutFolder::new(&report.out)?;
+    let machine = progress.stage("this machine", || Ok::<_, ReportError>(Machine::measure()))?;
+    let settings = BenchmarkSettings { report, size, roofline: &Roofline { machine }, stop };
+    let (mut results, mut answer) = (BenchmarkResults::default(), None);
+    for (number, scene) in scenes.iter().enumerate() {
+        progress.group(format!("{} ({} of {})", scene.name(), number + 1, scenes.len()));
+        if !one(scene, &settings, &mut results, progress)? {
+            return Err(interrupted(report, number, scenes.len()));
+        }
+        let missing: Vec<&str> = scenes[number + 1..].iter().map(BenchmarkScene::name).collect();
+        let mut out = OutFolder::new(&report.out)?;
+        answer = Some(page::write(&results, &settings, &missing, &mut out, progress)?);
+        out.commit(files)?;
+    }
+    answer.ok_or_else(|| ReportError::input("--scenes names no scene"))
+}
+
+/// One scene; false, with nothing kept of it, if the user interrupts.
+fn one(
+    scene: &BenchmarkScene,
+    settings: &BenchmarkSettings<'_>,
+    results: &mut BenchmarkResults,
+    progress: &mut Progress,
+) -> Result<bool, ReportError> {
+    // scenes of one skin share its forward problem
+    let is_known = results.forward.iter().any(|known| known.case == scene.forward);
+    let mut forward = None;
+    if !(is_known || settings.report.plans) {
+        let found = progress.steps("forward problem", forward::steps(settings.size), |bar| {
+            forward::run(&scene.forward, settings, bar)
+        })?;
+        let Some(found) = found else { return Ok(false) };
+        forward = Some(found);
+    }
+    let mut images = None;
+    if let Some(case) = &scene.images {
+        let Some(found) = images::run(case, settings, progress)? else { return Ok(false) };
+        images = Some(found);
+    }
+    results.forward.extend(forward);
+    results.images.extend(images);
+    Ok(true)
+}
+
+/// The error of a run that was interrupted after some of the wanted scenes.
+fn interrupted(report: &ReportSettings, finished: usize, wanted: usize) -> ReportError {
+    ReportError::Failure(match finished {
+        0 => "interrupted before the first scene was finished: nothing is written".to_owned(),
+        _ => format!(
+            "interrupted: {} has the report of {finished} of {wanted} scenes and says that it is \
+             incomplete",
+            report.out.display()
+        ),
+    })
+}
+
+/// Names of the pictures of all skins and scenes.
+pub(super) fn pictures() -> impl Iterator<Item = &'static str> {
+    let of_scenes = IMAGE_CASES.into_iter().flat_map(|case| case.files);
+    FORWARD_CASES.into_iter().map(|case| case.file).chain(of_scenes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::image_cases::IMAGE_CASES;
+    use super::settings::GAPS;
+    use eit_skin::method::Method;
+    use eit_skin::plan::measured::{Table, Wanted};
+    use eit_skin::scene::ReconstructionSettings;
+
+    /// The table of plans is of one full run of this report: every scene, method and gap.
+    #[test]
+    fn the_measured_table_is_whole_and_of_one_run() {
+        let table = Table::load().unwrap();
+        let settings = &ReconstructionSettings::default();
+        let mut rates = Vec::new();
+        for case in IMAGE_CASES {
+            for method in Method::ALL {
+                let sequence = matches!(method, Method::StTv | Method::TimePrior | Method::Kalman);
+                if case.is_still && sequence {
+                    continue;
+                }
+                for gap in GAPS {
+                    let wanted = Wanted { method, settings, pixels: 64, target_gap: gap };
+                    let row = table.of(case.name, &wanted).unwrap();
+                    assert!(row.relative_error > 0.0 && row.ms_a_frame > 0.0, "{row:?}");
+                    assert!(row.pixels.is_none_or(|pixels| pixels == 64), "{row:?}");
+                    assert!(row.target_gap.is_none_or(|own| own == gap), "{row:?}");
+                    rates.push(row.machine_gflops);
+                }
+            }
+        }
+        assert!(rates.iter().all(|rate| *rate == rates[0]), "of several runs: {rates:?}");
+    }
+}

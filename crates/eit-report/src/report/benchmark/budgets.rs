@@ -1,0 +1,56 @@
+//! The best solver for a time that a frame may take, as a table.
+
+use eit_skin::plan::measured::{BUDGETS_S, Budget, Measured, best};
+use serde_json::{Value, json};
+
+/// The best row for a budget.
+struct BudgetChoice<'a> {
+    budget: Budget,
+    /// `None`: nothing is so fast.
+    row: Option<&'a Measured>,
+}
+
+/// The choices of a scene.
+fn choices(rows: &[Measured]) -> Vec<BudgetChoice<'_>> {
+    let kinds = [false, true];
+    let of = |time_s: f64| {
+        kinds.map(|is_live| {
+            let budget = Budget { time_s, is_live };
+            BudgetChoice { budget, row: best(rows.iter(), budget) }
+        })
+    };
+    BUDGETS_S.into_iter().flat_map(of).collect()
+}
+
+pub(super) const HEAD: [&str; 8] =
+    ["ms a frame", "for", "solver", "pixels", "gap", "error", "takes, ms", "of it the solver"];
+
+/// Cells of the choices of a scene under [`HEAD`].
+pub(super) fn cells(rows: &[Measured]) -> Vec<Vec<String>> {
+    let one = |BudgetChoice { budget, row }: BudgetChoice<'_>| {
+        let kind = if budget.is_live { "live" } else { "recordings" };
+        let mut cells = vec![format!("{}", 1e3 * budget.time_s), kind.to_owned()];
+        match row {
+            Some(row) => cells.extend([
+                row.label(),
+                row.pixels.map_or_else(|| "elements".to_owned(), |n| n.to_string()),
+                row.target_gap.map_or_else(|| "-".to_owned(), |gap| format!("{gap:.0e}")),
+                format!("{:.3}", row.relative_error),
+                format!("{:.3}", row.cost_ms_a_frame),
+                format!("{:.3}", row.ms_a_frame),
+            ]),
+            None => {
+                cells.push("none is so fast".to_owned());
+                cells.resize(HEAD.len(), "-".to_owned());
+            }
+        }
+        cells
+    };
+    choices(rows).into_iter().map(one).collect()
+}
+
+/// For programs.
+pub(super) fn json(rows: &[Measured]) -> Value {
+    let one = |BudgetChoice { budget, row }: &BudgetChoice<'_>| json!({"budget_s": budget.time_s, "live": budget.is_live, "choice": row});
+    choices(rows).iter().map(one).collect()
+}

@@ -1,0 +1,101 @@
+//! Forward problem and Jacobian: error of the voltages over time, mesh by mesh, with linear and
+//! quadratic elements on even and graded meshes.
+//!
+//! The error is the largest of a voltage over the largest voltage, against [`ReferenceVoltages`].
+
+mod choice;
+mod mesh_run;
+mod plot;
+mod problem;
+mod reference;
+pub(super) mod results;
+pub(super) mod tables;
+
+use super::forward_cases::ForwardCase;
+use super::picture::Picture;
+use super::settings::{BenchmarkSettings, Size};
+use crate::error::ReportError;
+use eit_fem::ElementOrder;
+use mesh_run::MeshRun;
+use problem::{ForwardProblem, MeshFamily};
+use reference::ReferenceVoltages;
+use results::{ForwardPoint, ForwardResults};
+
+/// A kind of elements.
+struct ElementKind {
+    elements: ElementOrder,
+    /// Most nodes of a mesh that it is tried on.
+    most_nodes: usize,
+}
+
+/// Both kinds, on meshes that take about as much time.
+const ELEMENT_KINDS: [ElementKind; 2] = [
+    ElementKind { elements: ElementOrder::Linear, most_nodes: 30_000 },
+    ElementKind { elements: ElementOrder::Quadratic, most_nodes: 15_000 },
+];
+
+/// Largest mesh that the peers solve on: pyEIT takes seconds there.
+const PEER_NODES: usize = 2_000;
+
+/// Number of meshes, kinds of elements counted, for a progress bar.
+pub(super) fn steps(size: &Size) -> usize {
+    size.mesh_steps.len() * MeshFamily::ALL.len() * ELEMENT_KINDS.len()
+}
+
+/// Runs all meshes of a skin; `None` if the user interrupts.
+pub(super) fn run(
+    case: &ForwardCase,
+    settings: &BenchmarkSettings<'_>,
+    bar: &eit_skin::Steps<'_>,
+) -> Result<Option<ForwardResults>, ReportError> {
+    let BenchmarkSettings { report, size, roofline, stop } = *settings;
+    let problem = ForwardProblem::new(case)?;
+    let reference = ReferenceVoltages::of(&problem, size.reference_scales)?;
+    let mut results = ForwardResults {
+        case: *case,
+        reference: reference.words.clone(),
+        reference_error: reference.error,
+        points: Vec::new(),
+        left_out: 0,
+        failures: Vec::new(),
+        picture: None,
+    };
+    for family in MeshFamily::ALL {
+        for &step in size.mesh_steps {
+            if stop.is_set() {
+                return Ok(None);
+            }
+            let settings = &problem.settings(family, step);
+            let mesh = &problem.mesh(settings)?;
+            let nodes = mesh.surface().nodes().len();
+            let (problem, reference) = (&problem, &reference);
+            let run = MeshRun { problem, family, settings, mesh, roofline, reference };
+            for ElementKind { elements, most_nodes } in ELEMENT_KINDS {
+                bar.inc();
+                if nodes <= most_nodes {
+                    keep(&mut results, reference, run.own(elements, size.forward_runs)?);
+                }
+            }
+            if let (Some(python), MeshFamily::Graded) = (report.peers.as_deref(), family)
+                && nodes <= PEER_NODES
+            {
+                match run.peers(python) {
+                    Ok(points) => points.into_iter().for_each(|p| keep(&mut results, reference, p)),
+                    Err(error) => results.failures.push(error.to_string()),
+                }
+            }
+        }
+    }
+    if !results.points.is_empty() {
+        results.picture = Some(Picture::new(case.file, &plot::draw(&results)?)?);
+    }
+    Ok(Some(results))
+}
+
+/// Keeps a point whose error the reference can judge.
+fn keep(results: &mut ForwardResults, reference: &ReferenceVoltages, point: ForwardPoint) {
+    match reference.can_tell(point.error) {
+        true => results.points.push(point),
+        false => results.left_out += 1,
+    }
+}

@@ -1,0 +1,52 @@
+//! Error of the voltages of a skin over time, as a picture.
+
+use super::results::{ForwardResults, OURS};
+use crate::error::ReportError;
+use eit_picture::{Canvas, Plot, Series, draw_plot};
+
+/// Kinds of elements and meshes, what time cannot be less than, peers.
+pub(super) fn draw(results: &ForwardResults) -> Result<Canvas, ReportError> {
+    let (mut ours, mut peers) = (Vec::<Series>::new(), Vec::<Series>::new());
+    for point in &results.points {
+        let series = if point.solver == OURS { &mut ours } else { &mut peers };
+        let (name, place) = (point.curve(), [point.time.median_s, point.error]);
+        match series.iter_mut().find(|known| known.name == name) {
+            Some(known) => known.points.push(place),
+            None => series.push(Series { name, points: vec![place], line: true, markers: true }),
+        }
+    }
+    let (name, points) = ("floor of the best".to_owned(), floors(results));
+    ours.push(Series { name, points, line: true, markers: false });
+    ours.extend(peers);
+    let case = &results.case;
+    Ok(draw_plot(&Plot {
+        title: format!("Error of the voltages against run time: {}", case.scene),
+        footnote: format!(
+            "{}: {}. Time: median, factorisation, voltages and Jacobian, mesh by mesh. Error: the largest \
+             over the largest voltage, against {}. Floor: the same work at this machine's best rates",
+            case.scene,
+            case.what,
+            results.reference_words()
+        ),
+        x_label: "time (s)".to_owned(),
+        y_label: "error".to_owned(),
+        x_log: true,
+        y_log: true,
+        series: ours,
+        zoom: 2,
+    })?)
+}
+
+/// The least error that some mesh of ours has within each floor, ascending in time.
+fn floors(results: &ForwardResults) -> Vec<[f64; 2]> {
+    let ours = results.points.iter().filter(|point| point.solver == OURS);
+    let mut places: Vec<[f64; 2]> = ours.map(|point| [point.floor_s, point.error]).collect();
+    places.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut least = f64::INFINITY;
+    places.retain(|[_, error]| {
+        let better = *error < least;
+        least = least.min(*error);
+        better
+    });
+    places
+}

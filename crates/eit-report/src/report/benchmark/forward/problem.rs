@@ -1,0 +1,193 @@
+//! The forward problem of a skin, on families of meshes and on those that stand for the truth.
+//!
+//! Each mesh of a family is finer than the one before by the root of two. *even*: the same edge
+//! everywhere. *graded*: twice that edge inside, and at electrode ends, and at corners that reach into
+//! the skin, a quarter of an electrode's width at first, which falls with the square of the edge: what is
+//! left of the singularity there falls like the rest. On the outline of a patch, which has none, it falls
+//! with the edge.
+
+use super::super::forward_cases::ForwardCase;
+use crate::error::ReportError;
+use crate::simulate::{Finger, SequenceSettings, TouchSequence};
+use eit_fem::{ElementOrder, ForwardModel};
+use eit_mesh::{Contact, Mesh, MeshSettings, SkinShape};
+use eit_skin::scene::{ElectrodeSource, MeshSource, Scene};
+
+/// How a family is refined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum MeshFamily {
+    Even,
+    Graded,
+}
+
+impl MeshFamily {
+    pub const ALL: [Self; 2] = [Self::Even, Self::Graded];
+
+    /// In tables and legends.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Even => "even",
+            Self::Graded => "graded",
+        }
+    }
+}
+
+/// Edges along the side of the square that has the skin's area, of the coarsest even mesh: some 500
+/// nodes.
+const EDGES_A_SIDE: f64 = 18.0;
+/// The same of the mesh that stands for the truth, where its own fine places are the electrodes', and
+/// where conductivity changes from element to element.
+const REFERENCE_EDGES: [f64; 2] = [40.0, 240.0];
+/// Edge of that mesh at electrode ends over the electrode's width: what is left of a singularity like
+/// the root of the distance is as small.
+const REFERENCE_END: f64 = 1e-5;
+/// Edges on the radius of a patch there: its outline is a polygon.
+const REFERENCE_RADIUS: f64 = 60.0;
+/// Growth of the edge away from electrode ends there.
+const REFERENCE_GRADING: f64 = 0.15;
+
+/// A skin and the conductivity that its forward problem is solved for.
+pub(super) struct ForwardProblem {
+    pub scene: Scene,
+    /// Side of the square that has the skin's area (a hemisphere's: in its flat chart), metres.
+    side_m: f64,
+    /// Edge in space over that in the chart, at most.
+    stretch: f64,
+    /// Least width of an electrode, or diameter of a patch, metres.
+    electrode_m: f64,
+    has_patches: bool,
+    /// Fingers at rest.
+    touch: Option<TouchSequence>,
+}
+
+impl ForwardProblem {
+    pub fn new(case: &ForwardCase) -> Result<Self, ReportError> {
+        let scene = Scene::load(case.scene)?;
+        let source = scene.mesh(None)?;
+        let MeshSource::Generated { shape, electrodes, .. } = &source else {
+            return Err(ReportError::input(format!("{}: a file has one mesh only", case.scene)));
+        };
+        let (electrode_m, has_patches) = match electrodes {
+            ElectrodeSource::Rim(rim) => (rim.width_m, false),
+            ElectrodeSource::Placed(placed) => {
+                placed.iter().fold((f64::INFINITY, false), |(least, has), e| match e.contact {
+                    Contact::Rim { width_m } => (least.min(width_m), has),
+                    Contact::Patch { radius_m } => (least.min(2.0 * radius_m), true),
+                    _ => (least, has),
+                })
+            }
+        };
+        let touch = match case.change {
+            Some(change) => {
+                let finger = Finger { change, ..Default::default() };
+                let settings =
+                    SequenceSettings { touches: 2, frames: 1, finger, ..Default::default() };
+                Some(TouchSequence::random(&source, &settings)?)
+            }
+            None => None,
+        };
+        Ok(Self {
+            side_m: shape.outline()?.area_m2().sqrt(),
+            stretch: if matches!(shape, SkinShape::Hemisphere { .. }) { 2.0 } else { 1.0 },
+            scene,
+            electrode_m,
+            has_patches,
+            touch,
+        })
+    }
+
+    /// Whether the conductivity is one number.
+    pub fn is_even(&self) -> bool {
+        self.touch.is_none()
+    }
+
+    /// Settings of a mesh of a family, the coarsest at step 0.
+    pub fn settings(&self, family: MeshFamily, step: i32) -> MeshSettings {
+        let scale = 0.5_f64.powf(0.5 * f64::from(step));
+        let edge_m = scale * self.side_m / EDGES_A_SIDE;
+        let (edge_m, end_m) = match family {
+            MeshFamily::Even => (edge_m, edge_m),
+            MeshFamily::Graded => {
+                let end_scale = if self.has_patches { scale } else { scale * scale };
+                (2.0 * edge_m, 0.25 * end_scale * self.electrode_m)
+            }
+        };
+        self.with_edges(edge_m, end_m)
+    }
+
+    /// Edges in the chart.
+    fn with_edges(&self, edge_m: f64, end_m: f64) -> MeshSettings {
+        MeshSettings {
+            edge_m: Some(self.stretch * edge_m),
+            electrode_edge_m: Some(end_m),
+            ..Default::default()
+        }
+    }
+
+    /// The skin meshed by settings.
+    pub fn mesh(&self, settings: &MeshSettings) -> Result<Mesh, ReportError> {
+        let settings = settings.clone();
+        let made = match self.scene.mesh(None)? {
+            MeshSource::Generated { shape, electrodes, base, .. } => {
+                MeshSource::Generated { shape, electrodes, settings, base }
+            }
+            file => file,
+        };
+        Ok(made.build()?.mesh)
+    }
+
+    /// A mesh that stands for the truth with quadratic elements, the finer the smaller `scale` is; 1
+    /// is the finest that is quick enough. Ever finer towards electrode ends and corners that reach into
+    /// the skin.
+    pub fn reference_mesh(&self, scale: f64) -> Result<Mesh, ReportError> {
+        let edges = REFERENCE_EDGES[usize::from(!self.is_even())];
+        let end_m = match self.has_patches {
+            true => 0.5 * self.electrode_m / REFERENCE_RADIUS,
+            false => self.electrode_m * REFERENCE_END,
+        };
+        let settings = MeshSettings {
+            grading: scale * REFERENCE_GRADING,
+            ..self.with_edges(scale * self.side_m / edges, scale * end_m)
+        };
+        self.mesh(&settings)
+    }
+
+    /// Siemens of each element: under fingers that of its centroid.
+    pub fn conductivity_s(&self, mesh: &Mesh) -> Vec<f64> {
+        let centroids = mesh.surface().centroids();
+        let background_s = self.scene.skin.conductivity_s;
+        match &self.touch {
+            Some(touch) => touch.conductivity_s(background_s, &centroids, &touch.positions_m[0]),
+            None => vec![background_s; centroids.len()],
+        }
+    }
+
+    pub fn model(&self, mesh: &Mesh, elements: ElementOrder) -> Result<ForwardModel, ReportError> {
+        let electrodes = mesh.electrodes().len();
+        let protocol = self.scene.protocol(electrodes)?;
+        let impedance = self.scene.contact_impedance(electrodes)?;
+        Ok(ForwardModel::with_element_order(mesh, &protocol, &impedance, elements)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::forward_cases::FORWARD_CASES;
+    use super::*;
+
+    /// Families start alike and become finer.
+    #[test]
+    fn families_become_finer() {
+        for case in FORWARD_CASES {
+            let problem = ForwardProblem::new(&case).unwrap();
+            for family in MeshFamily::ALL {
+                let nodes = [0, 2].map(|step| {
+                    let mesh = problem.mesh(&problem.settings(family, step)).unwrap();
+                    mesh.surface().nodes().len() as f64
+                });
+                assert!((300.0..2500.0).contains(&nodes[0]), "{}: {nodes:?}", case.scene);
+                assert!((1.2..4.2).contains(&(nodes[1] / nodes[0])), "{}: {nodes:?}", case.scene);
+            }
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Pictures of a scene's images: error over time, and one frame by every solver.
+
+use super::super::reconstruction_model::ReconstructionModel;
+use super::image_cases::ImageCase;
+use super::picture::Picture;
+use super::recording::RecordingResults;
+use super::work_precision::WorkPrecisionCurve;
+use crate::error::ReportError;
+use eit_picture::{Canvas, FrameLabels, PictureSettings, Plot, Series, draw_plot, draw_sheet};
+use eit_skin::plan::measured::Measured;
+use ndarray::Axis;
+
+/// Solvers whose curve over the pixels is one line.
+const ONE_POINT: [&str; 4] =
+    ["gauss-newton", "gauss-newton, gcv", "st-tv stream", "st-tv ≥ 0 stream"];
+
+/// A peer whose settings are one curve.
+const PEER: &str = "NumPy primal-dual";
+
+/// Nets of files: one set of points for all of them, the table tells them apart.
+const NET: &str = "U-net ";
+
+/// The pictures of a scene; none where nothing was measured.
+pub(super) fn draw(
+    case: &ImageCase,
+    rows: &[Measured],
+    note: &str,
+    model: &ReconstructionModel,
+    recordings: &[RecordingResults],
+) -> Result<Vec<Picture>, ReportError> {
+    if rows.is_empty() {
+        return Ok(Vec::new());
+    }
+    let [curves, images] = case.files;
+    let finest = model.raster.pixels();
+    let plot = draw_plot(&Plot {
+        title: format!("Error of the movie against run time: {}", case.name),
+        footnote: format!(
+            "{note}. Error: root mean square over both recordings; 1: an empty image. Curves run \
+             over the gap, or over the pixels where the name says so"
+        ),
+        x_label: "time per frame (s)".to_owned(),
+        y_label: "relative error".to_owned(),
+        x_log: true,
+        y_log: true,
+        series: series(rows, finest),
+        zoom: 2,
+    })?;
+    let sheet = sheet(model, recordings, note)?;
+    Ok(vec![Picture::new(curves, &plot)?, Picture::new(images, &sheet)?])
+}
+
+/// One curve for each solver: over the gap at the finest raster, and for what is known of the
+/// fabric at each; over the rasters where there is one point on each.
+fn series(rows: &[Measured], finest: usize) -> Vec<Series> {
+    let coarsest = rows.iter().filter_map(|row| row.pixels).min().unwrap_or(finest);
+    let mut all: Vec<Series> = Vec::new();
+    for row in rows {
+        let label = row.label();
+        let name = match row.pixels {
+            _ if ONE_POINT.contains(&label.as_str()) => {
+                format!("{label}, {coarsest} to {finest} px")
+            }
+            None => label,
+            _ if label.starts_with(PEER) => PEER.to_owned(),
+            _ if label.contains(NET) => {
+                format!(
+                    "{} of other sizes",
+                    label.split_inclusive(NET).next().unwrap_or_default().trim()
+                )
+            }
+            Some(pixels) if label == "st-tv ≥ 0" => format!("{label}, {pixels} px"),
+            Some(pixels) if pixels == finest => label,
+            Some(_) => continue,
+        };
+        let point = [1e-3 * row.ms_a_frame, row.relative_error];
+        match all.iter_mut().find(|known| known.name == name) {
+            Some(known) => known.points.push(point),
+            None => all.push(Series { name, points: vec![point], line: false, markers: true }),
+        }
+    }
+    for series in &mut all {
+        series.line = series.points.len() > 1 && !series.name.contains(NET);
+    }
+    all
+}
+
+/// The truth and every solver's image of the last frame that all have, one recording after the
+/// other, at the finest raster.
+fn sheet(
+    model: &ReconstructionModel,
+    recordings: &[RecordingResults],
+    note: &str,
+) -> Result<Canvas, ReportError> {
+    let shown = |curve: &&WorkPrecisionCurve| {
+        let fine = curve.solver.pixels.is_none_or(|pixels| pixels == model.raster.pixels());
+        fine && curve.images.nrows() > 0
+    };
+    let all = recordings.iter().flat_map(|recording| &recording.curves);
+    let least = all.filter(shown).map(|curve| curve.images.nrows()).min();
+    let frame = least.unwrap_or(1) - 1;
+    let (mut labels, mut rows) = (Vec::new(), Vec::new());
+    for RecordingResults { recording, curves } in recordings {
+        labels.push(format!("{}: truth", recording.shape));
+        rows.push(recording.truth.row(frame));
+        for curve in curves.iter().filter(shown) {
+            labels.push(curve.solver.label());
+            rows.push(curve.images.row(frame));
+        }
+    }
+    let stacked =
+        ndarray::stack(Axis(0), &rows).map_err(|e| ReportError::Failure(e.to_string()))?;
+    let images = model.raster.images_from_pixels(stacked.view())?;
+    let skin = eit_picture::SkinDrawing::from_raster(&model.skin().mesh, &model.raster);
+    let settings = PictureSettings {
+        title: format!("Frame {frame} by every solver"),
+        footnote: note.to_owned(),
+        labels: FrameLabels::Text(labels),
+        ..Default::default()
+    };
+    Ok(draw_sheet(images.view(), &skin, &settings)?)
+}

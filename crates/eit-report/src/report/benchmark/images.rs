@@ -1,0 +1,172 @@
+//! The images of a scene: recordings, every solver on each, what its plan promised, pictures.
+
+use super::super::named_net::NamedNet;
+use super::super::reconstruction_model::ReconstructionModel;
+use super::fabric::{self, FABRIC_SCRIPTS, FabricScript};
+use super::image_cases::{FINGERS, ImageCase};
+use super::image_plots;
+use super::inverse::problem::InverseProblem;
+use super::inverse::{self, InverseResults, SolverFailure};
+use super::merged::{self, Merged};
+use super::picture::Picture;
+use super::plan_check::{self, PlanCheck};
+use super::recording::{RecordingResults, SimulatedRecording};
+use super::settings::{BenchmarkSettings, Size};
+use crate::error::ReportError;
+use crate::simulate::{FingerShape, simulate};
+use eit_skin::Progress;
+use eit_skin::denoise::Net;
+use eit_skin::plan::measured::Measured;
+use eit_skin::scene::DenoiseSettings;
+
+/// Everything about the images of a scene.
+pub(super) struct ImageResults {
+    pub case: ImageCase,
+    pub rows: Vec<Measured>,
+    pub failures: Vec<RecordingFailure>,
+    pub plans: Vec<PlanCheck>,
+    pub pictures: Vec<Picture>,
+    /// Noise, meshes, pixels.
+    pub note: String,
+}
+
+/// A solver that failed on a recording.
+pub(super) struct RecordingFailure {
+    pub solver: String,
+    /// Shape or number of the recording's fingers.
+    pub shape: &'static str,
+    pub why: String,
+}
+
+/// Simulates, runs every solver, draws; `None` if the user interrupts.
+pub(super) fn run(
+    case: &ImageCase,
+    settings: &BenchmarkSettings<'_>,
+    progress: &mut Progress,
+) -> Result<Option<ImageResults>, ReportError> {
+    let BenchmarkSettings { report, size, roofline, stop } = *settings;
+    let mut silent = Progress::silent();
+    let models: Vec<ReconstructionModel> = size
+        .pixels
+        .iter()
+        .map(|&pixels| ReconstructionModel::new(case.forward.scene, pixels, &mut silent))
+        .collect::<Result<_, _>>()?;
+    let finest = &models[models.len() - 1];
+    // nets know the fabric: on other fingers they are judged by --denoise
+    let nets = if case.is_fabric { nets(finest, &report.weights)? } else { Vec::new() };
+    let (mut recordings, mut failures) = (Vec::new(), Vec::new());
+    let recorded_now = match report.plans {
+        true => Vec::new(),
+        false => recorded(case, 0, finest, size, progress)?,
+    };
+    for recording in recorded_now {
+        let peers = report.peers.as_deref();
+        let problem = InverseProblem {
+            models: &models,
+            recording: &recording,
+            size,
+            roofline,
+            nets: &nets,
+            peers,
+            stop,
+        };
+        let InverseResults { curves, failures: failed } =
+            progress.steps("solvers", inverse::solvers(&problem), |bar| {
+                Ok::<_, ReportError>(inverse::run(&problem, bar))
+            })?;
+        let shape = recording.shape;
+        let on_recording = |SolverFailure { solver, why }| RecordingFailure { solver, shape, why };
+        failures.extend(failed.into_iter().map(on_recording));
+        recordings.push(RecordingResults { recording, curves });
+    }
+    if stop.is_set() {
+        return Ok(None);
+    }
+    // recordings that no table has seen
+    let others = recorded(case, 1, finest, size, progress)?;
+    let shown = &others[0];
+    let frames = shown.truth.nrows();
+    let Merged { rows, missing } = merged::rows(case, frames, &recordings, &roofline.machine);
+    failures.extend(missing.into_iter().map(|solver| RecordingFailure {
+        solver,
+        shape: "one",
+        why: "the other failed".to_owned(),
+    }));
+    let plans =
+        progress.stage("the plan", || plan_check::of(finest, case.is_fabric, &others, roofline))?;
+    let note = note(case, shown, finest);
+    let pictures = image_plots::draw(case, &rows, &note, finest, &recordings)?;
+    Ok(Some(ImageResults { case: *case, rows, failures, plans, pictures, note }))
+}
+
+/// Noise, meshes, pixels.
+fn note(case: &ImageCase, shown: &SimulatedRecording, finest: &ReconstructionModel) -> String {
+    let touched = match case.is_fabric {
+        true => "of one finger and of two".to_owned(),
+        false => format!("of {FINGERS} fingers, soft or hard, noise {} dB", case.noise_db),
+    };
+    format!(
+        "{}: {}; {} frame{} {touched}; simulated on {} nodes, reconstructed on {}, judged on \
+         {pixels} x {pixels} pixels",
+        case.name,
+        case.what,
+        shown.truth.nrows(),
+        if case.is_still { "" } else { "s" },
+        shown.simulated.nodes,
+        finest.skin().mesh.surface().nodes().len(),
+        pixels = finest.raster.pixels(),
+    )
+}
+
+/// The two recordings of a scene: soft and hard fingers, or one finger and two on the fabric. Each
+/// `take` has its own paths and noise.
+fn recorded(
+    case: &ImageCase,
+    take: u64,
+    model: &ReconstructionModel,
+    size: &Size,
+    progress: &mut Progress,
+) -> Result<Vec<SimulatedRecording>, ReportError> {
+    if case.is_fabric {
+        return FABRIC_SCRIPTS
+            .into_iter()
+            .map(|script| {
+                let script = FabricScript { seed: script.seed + 10 * take, ..script };
+                fabric::recording(model, &script, size.frames, progress)
+            })
+            .collect();
+    }
+    let of = |finger: FingerShape| {
+        let settings = case.sequence(finger, size.frames, take);
+        let simulated = simulate(model.skin(), &settings, &model.raster, progress)?;
+        let truth = model.pixels_of(simulated.truth.view())?;
+        Ok(SimulatedRecording { shape: finger.name(), simulated, truth })
+    };
+    FingerShape::ALL.into_iter().map(of).collect()
+}
+
+/// The nets among `names` that were trained for this skin and raster. A net of another skin is left out;
+/// only a file that does not exist is an error.
+fn nets(model: &ReconstructionModel, names: &[String]) -> Result<Vec<NamedNet>, ReportError> {
+    let mut nets = Vec::new();
+    for name in names {
+        let settings = DenoiseSettings { weights: name.clone(), any_skin: false };
+        match Net::load(&settings, &model.skin().net_target()) {
+            Ok(net) => nets.push(NamedNet { name: net_name(name), net }),
+            Err(error) if name != "default" && !std::path::Path::new(name).exists() => {
+                return Err(error.into());
+            }
+            Err(_) => {}
+        }
+    }
+    Ok(nets)
+}
+
+/// "U-net", or with the name of its file.
+fn net_name(name: &str) -> String {
+    let stem = std::path::Path::new(name).file_stem().map(|stem| stem.to_string_lossy());
+    match stem {
+        Some(stem) if name != "default" => format!("U-net {stem}"),
+        _ => "U-net".to_owned(),
+    }
+}

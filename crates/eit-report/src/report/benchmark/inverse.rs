@@ -1,0 +1,122 @@
+//! Every inverse solver on one recording.
+
+mod frame_by_frame;
+mod peer;
+pub(super) mod problem;
+mod recorded;
+
+use super::super::solver::BoundedMethod;
+use super::peers;
+use super::work_precision::WorkPrecisionCurve;
+use crate::error::ReportError;
+use eit_skin::method::Method;
+use eit_skin::scene::Rule;
+use frame_by_frame::{StreamSetting, one_step, stream};
+use peer::{peer_curve, peer_problem};
+use problem::InverseProblem;
+use recorded::{on_elements, total_variation};
+
+const fn bounded(method: Method, lower_s: Option<f64>) -> BoundedMethod {
+    BoundedMethod { method, lower_s }
+}
+
+/// Total variation of a sequence and of a single frame, with and without what is known of the fabric.
+const SEQUENCE_METHODS: [BoundedMethod; 3] =
+    [bounded(Method::StTv, None), bounded(Method::StTv, Some(0.0)), bounded(Method::Tv, Some(0.0))];
+const FRAME_METHODS: [BoundedMethod; 2] =
+    [bounded(Method::Tv, None), bounded(Method::Tv, Some(0.0))];
+/// Those that stream.
+const STREAMS: [StreamSetting; 2] = [
+    StreamSetting { method: bounded(Method::StTv, None), target_gap: 1e-2 },
+    StreamSetting { method: bounded(Method::StTv, Some(0.0)), target_gap: 1e-1 },
+];
+/// Rules of the hyperparameter: one needs no data, the other sees the noise of the recording.
+const RULES: [Rule; 2] = [Rule::NoiseFigure, Rule::Gcv];
+/// Methods on the elements of the mesh; the last alone takes single frames.
+const ON_ELEMENTS: [Method; 3] = [Method::TimePrior, Method::Kalman, Method::GaussNewtonAbsolute];
+
+/// Everything that ran, and what failed.
+#[derive(Default)]
+pub(super) struct InverseResults {
+    pub curves: Vec<WorkPrecisionCurve>,
+    pub failures: Vec<SolverFailure>,
+}
+
+/// A solver that failed, and why.
+pub(super) struct SolverFailure {
+    pub solver: String,
+    pub why: String,
+}
+
+impl InverseResults {
+    fn keep(&mut self, solver: &str, curve: Result<WorkPrecisionCurve, ReportError>) {
+        match curve {
+            Ok(curve) => self.curves.push(curve),
+            Err(error) => {
+                let (solver, why) = (solver.to_owned(), error.to_string());
+                self.failures.push(SolverFailure { solver, why });
+            }
+        }
+    }
+}
+
+/// Number of solvers, for a progress bar.
+pub(super) fn solvers(problem: &InverseProblem<'_>) -> usize {
+    let (rasters, rules) = (problem.models.len(), RULES.len());
+    match problem.is_still() {
+        true => rasters * (rules + FRAME_METHODS.len()) + rules,
+        false => {
+            rasters * (rules + STREAMS.len() + SEQUENCE_METHODS.len())
+                + ON_ELEMENTS.len() * rules
+                + 2 * problem.nets.len()
+        }
+    }
+}
+
+/// Runs them all; one that fails does not stop the others. After an interrupt none begins.
+pub(super) fn run(problem: &InverseProblem<'_>, bar: &eit_skin::Steps<'_>) -> InverseResults {
+    let mut results = InverseResults::default();
+    let mut keep = |name: &str, curve: &dyn Fn() -> Result<WorkPrecisionCurve, ReportError>| {
+        bar.inc();
+        if !problem.stop.is_set() {
+            results.keep(name, curve());
+        }
+    };
+    let is_still = problem.is_still();
+    let methods = if is_still { &FRAME_METHODS[..] } else { &SEQUENCE_METHODS[..] };
+    for model in problem.models {
+        for rule in RULES {
+            keep("gauss-newton", &|| one_step(problem, model, rule, None));
+        }
+        for method in methods {
+            keep(&method.name(), &|| total_variation(problem, model, *method));
+        }
+        if !is_still {
+            for setting in STREAMS {
+                keep("st-tv stream", &|| stream(problem, model, setting, None));
+            }
+        }
+    }
+    for net in problem.nets {
+        let model = problem.finest();
+        keep(&net.name, &|| one_step(problem, model, RULES[0], Some(net)));
+        keep(&net.name, &|| stream(problem, model, STREAMS[0], Some(net)));
+    }
+    let first = if is_still { ON_ELEMENTS.len() - 1 } else { 0 };
+    for method in &ON_ELEMENTS[first..] {
+        for rule in RULES {
+            keep(method.name(), &|| on_elements(problem, *method, rule));
+        }
+    }
+    if let Some(python) = problem.peers.filter(|_| !problem.stop.is_set()) {
+        let found =
+            peer_problem(problem, methods[0]).and_then(|given| peers::inverse(python, &given));
+        match found {
+            Ok(found) => found.into_iter().for_each(|images| {
+                results.keep(&images.name.clone(), peer_curve(problem, images));
+            }),
+            Err(error) => results.keep("Python peers", Err(error)),
+        }
+    }
+    results
+}

@@ -1,0 +1,223 @@
+//! Solvers that take frame after frame, on the way that `eit live` takes: what they know before the
+//! first one is the skin and the noise. Every frame is timed by itself, the ones that fill a window
+//! included.
+
+use super::super::super::named_net::NamedNet;
+use super::super::super::reconstruction_model::ReconstructionModel;
+use super::super::super::solver::{BoundedMethod, SetUpCost};
+use super::super::work_precision::{Convergence, SolverDescription, Spread, WorkPrecisionCurve};
+use super::problem::{InverseProblem, SolverRun};
+use crate::error::ReportError;
+use eit_inverse::{Reconstructor, SequenceStatus, StTvStream, Workspace};
+use eit_skin::denoise::LiveNet;
+use eit_skin::scene::{Hyperparameter, Rule};
+use eit_skin::total_variation::WINDOW;
+use eit_skin::{FittedFrames, Progress};
+use ndarray::Array2;
+use std::time::Instant;
+
+/// A stream of total variation and the gap that every frame is run to.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StreamSetting {
+    pub method: BoundedMethod,
+    pub target_gap: f64,
+}
+
+/// OneStepGaussNewton images by one matrix, and through a net. By cross-validation it has seen the
+/// recording, and is not live.
+pub(super) fn one_step(
+    problem: &InverseProblem<'_>,
+    model: &ReconstructionModel,
+    rule: Rule,
+    net: Option<&NamedNet>,
+) -> Result<WorkPrecisionCurve, ReportError> {
+    let mut settings = model.settings().clone();
+    settings.hyperparameter = Some(Hyperparameter::Rule(rule));
+    let fitted = problem.fit_with(model, settings);
+    let mut silent = Progress::silent();
+    let start = Instant::now();
+    let imaging = fitted.one_step(&mut silent)?;
+    let report = imaging.difference.report();
+    let reconstructor = imaging.difference.on_raster(model.raster.pixel_from_element())?;
+    let all_s = start.elapsed().as_secs_f64();
+    let of_rule = silent.times().iter().find(|stage| stage.stage == "hyperparameter");
+    let is_live = rule == Rule::NoiseFigure;
+    let choice_s = if is_live { 0.0 } else { of_rule.map_or(0.0, |stage| stage.time_s) };
+    let choice = format!("hyperparameter {:.2e}, {}", report.hyperparameter, imaging.rule);
+    let solver = || FrameSolver::OneStep {
+        workspace: Box::new(reconstructor.workspace()),
+        reconstructor: &reconstructor,
+        reference: &fitted.frames.reference,
+    };
+    let solvers = std::iter::repeat_with(solver).take(problem.size.direct_runs).collect();
+    let FrameTimes { images, seconds, .. } = frame_by_frame(model, &fitted, net, solvers)?;
+    let description = SolverDescription::own("gauss-newton", Some(model.raster.pixels()), is_live);
+    let live = LiveSolver {
+        model,
+        net,
+        description: description.with_rule(rule),
+        cost: SetUpCost { set_up_s: all_s - choice_s, choice_s, choice },
+    };
+    let run = SolverRun {
+        time: Spread::of(seconds, 1),
+        floor_s: problem.roofline.one_step(model, report.rank),
+        convergence: Convergence::DIRECT,
+        target_gap: None,
+    };
+    live.curve(problem, &images, run)
+}
+
+/// A window of total variation: images of the newest frame, and through a net.
+pub(super) fn stream(
+    problem: &InverseProblem<'_>,
+    model: &ReconstructionModel,
+    setting: StreamSetting,
+    net: Option<&NamedNet>,
+) -> Result<WorkPrecisionCurve, ReportError> {
+    let StreamSetting { method, target_gap } = setting;
+    let mut settings = model.settings().clone();
+    settings.lower_s = method.lower_s;
+    settings.target_gap = Some(target_gap);
+    let fitted = problem.fit_with(model, settings);
+    let start = Instant::now();
+    let first = fitted.tv_stream(method.method, &mut Progress::silent())?;
+    let (set_up_s, choice) = (start.elapsed().as_secs_f64(), first.words());
+    let solver = || {
+        let made = fitted.tv_stream(method.method, &mut Progress::silent())?;
+        let worst =
+            Convergence { iterations: 0, status: SequenceStatus::Converged, gap: Some(0.0) };
+        Ok::<_, ReportError>(FrameSolver::Stream { stream: Box::new(made.stream), worst })
+    };
+    let solvers = (0..problem.size.stream_runs).map(|_| solver()).collect::<Result<_, _>>()?;
+    let FrameTimes { images, seconds, convergence } = frame_by_frame(model, &fitted, net, solvers)?;
+    let each = convergence.iterations as f64 / problem.frames() as f64;
+    let name = format!("{} stream", method.name());
+    let live = LiveSolver {
+        model,
+        net,
+        description: SolverDescription::own(name, Some(model.raster.pixels()), true),
+        cost: SetUpCost { set_up_s, choice_s: 0.0, choice },
+    };
+    let run = SolverRun {
+        time: Spread::of(seconds, 1),
+        floor_s: problem.roofline.total_variation(model, WINDOW, each),
+        convergence,
+        target_gap: Some(target_gap),
+    };
+    live.curve(problem, &images, run)
+}
+
+/// What makes an image of a frame.
+enum FrameSolver<'a> {
+    OneStep {
+        reconstructor: &'a Reconstructor,
+        workspace: Box<Workspace>,
+        reference: &'a [f64],
+    },
+    /// With all its iterations, its worst status and its worst gap.
+    Stream {
+        stream: Box<StTvStream>,
+        worst: Convergence,
+    },
+}
+
+impl FrameSolver<'_> {
+    fn next(
+        &mut self,
+        values: &[f64],
+        differences: &[f64],
+        image: &mut [f64],
+    ) -> Result<(), ReportError> {
+        match self {
+            Self::OneStep { reconstructor, workspace, reference } => {
+                reconstructor.reconstruct_into(values, reference, workspace, image)?;
+            }
+            Self::Stream { stream, worst } => {
+                let step = stream.push(differences, None)?;
+                worst.iterations += step.iterations;
+                let gap = step.certificate.relative_gap();
+                worst.gap = Some(worst.gap.map_or(gap, |worst| worst.max(gap)));
+                if step.status != SequenceStatus::Converged {
+                    worst.status = step.status;
+                }
+                image.copy_from_slice(step.image.unwrap_or_default());
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Images of a model's raster, and the time of each frame of each run.
+struct FrameTimes {
+    /// [frame, masked pixel].
+    images: Array2<f64>,
+    seconds: Vec<f64>,
+    /// Of the last run.
+    convergence: Convergence,
+}
+
+/// Runs every solver over all frames.
+fn frame_by_frame(
+    model: &ReconstructionModel,
+    fitted: &FittedFrames,
+    net: Option<&NamedNet>,
+    solvers: Vec<FrameSolver<'_>>,
+) -> Result<FrameTimes, ReportError> {
+    let differences = fitted.differences();
+    let rows = |array: &Array2<f64>| -> Vec<Vec<f64>> {
+        array.rows().into_iter().map(|row| row.to_vec()).collect()
+    };
+    let (values, differences) = (rows(&fitted.frames.values), rows(&differences));
+    let pixels = model.raster.masked_pixels().len();
+    let mut images = Array2::zeros((values.len(), pixels));
+    let (mut raw, mut made) = (vec![0.0; pixels], vec![0.0; pixels]);
+    let mut seconds = Vec::new();
+    let mut convergence = Convergence::DIRECT;
+    for mut solver in solvers {
+        let mut net = net.map(|named| LiveNet::new(&named.net, fitted)).transpose()?;
+        for ((values, differences), mut row) in
+            values.iter().zip(&differences).zip(images.rows_mut())
+        {
+            let start = Instant::now();
+            solver.next(values, differences, &mut raw)?;
+            let shown = match &mut net {
+                None => &raw,
+                Some(net) => {
+                    net.push(&model.raster, &raw, differences, &mut made)?;
+                    &made
+                }
+            };
+            seconds.push(start.elapsed().as_secs_f64());
+            row.iter_mut().zip(shown).for_each(|(out, value)| *out = *value);
+        }
+        if let FrameSolver::Stream { worst, .. } = solver {
+            convergence = worst;
+        }
+    }
+    Ok(FrameTimes { images, seconds, convergence })
+}
+
+/// A solver that takes frame after frame, with or without a net behind it.
+struct LiveSolver<'a> {
+    model: &'a ReconstructionModel,
+    net: Option<&'a NamedNet>,
+    description: SolverDescription,
+    cost: SetUpCost,
+}
+
+impl LiveSolver<'_> {
+    /// Judges its images; the run's floor is still without the net.
+    fn curve(
+        mut self,
+        problem: &InverseProblem<'_>,
+        images: &Array2<f64>,
+        mut run: SolverRun,
+    ) -> Result<WorkPrecisionCurve, ReportError> {
+        if let Some(NamedNet { name, net }) = self.net {
+            self.description.name = format!("{}, {name}", self.description.name);
+            run.floor_s += problem.roofline.net(net.shape(), self.model);
+        }
+        let images = problem.on_finest(self.model, images.view())?;
+        problem.curve(self.description, self.cost, images, &run)
+    }
+}

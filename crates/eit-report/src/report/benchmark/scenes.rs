@@ -1,0 +1,66 @@
+//! The scenes of the benchmark: a skin whose forward problem is run, with or without images.
+
+use super::forward_cases::{FORWARD_CASES, ForwardCase};
+use super::image_cases::{IMAGE_CASES, ImageCase};
+use crate::error::ReportError;
+use crate::settings::ReportSettings;
+
+/// A scene of the benchmark.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct BenchmarkScene {
+    /// Its skin.
+    pub forward: ForwardCase,
+    /// Its images; what is only another shape has none.
+    pub images: Option<ImageCase>,
+}
+
+impl BenchmarkScene {
+    /// Key in files.
+    pub fn name(&self) -> &'static str {
+        self.images.map_or(self.forward.scene, |case| case.name)
+    }
+}
+
+/// Every scene, those with images first.
+fn all() -> Vec<BenchmarkScene> {
+    let imaged = |case: ImageCase| BenchmarkScene { forward: case.forward, images: Some(case) };
+    let is_imaged = |forward: &ForwardCase| IMAGE_CASES.iter().any(|case| case.forward == *forward);
+    let others = FORWARD_CASES.into_iter().filter(|forward| !is_imaged(forward));
+    let of_shape = |forward| BenchmarkScene { forward, images: None };
+    IMAGE_CASES.into_iter().map(imaged).chain(others.map(of_shape)).collect()
+}
+
+/// The scenes of the command line, all without; of them what the command asks for.
+pub(super) fn chosen(settings: &ReportSettings) -> Result<Vec<BenchmarkScene>, ReportError> {
+    let all = all();
+    let find = |name: &String| {
+        all.iter().find(|scene| scene.name() == name).copied().ok_or_else(|| {
+            let known: Vec<&str> = all.iter().map(BenchmarkScene::name).collect();
+            ReportError::input(format!("--scenes {name}: the scenes are {}", known.join(", ")))
+        })
+    };
+    let mut scenes = match settings.scenes.is_empty() {
+        true => all.clone(),
+        false => settings.scenes.iter().map(find).collect::<Result<_, _>>()?,
+    };
+    if settings.plans {
+        // a plan promises images
+        scenes.retain(|scene| scene.images.is_some());
+        if scenes.is_empty() {
+            let names = settings.scenes.join(", ");
+            return Err(ReportError::input(format!(
+                "--plans: the report makes no images of {names}, and compares no plan with them"
+            )));
+        }
+    }
+    if settings.forward {
+        let mut skins: Vec<BenchmarkScene> = Vec::new();
+        for BenchmarkScene { forward, .. } in scenes {
+            if skins.iter().all(|known| known.forward != forward) {
+                skins.push(BenchmarkScene { forward, images: None });
+            }
+        }
+        return Ok(skins);
+    }
+    Ok(scenes)
+}

@@ -1,0 +1,49 @@
+//! A table of the benchmark, on the page, in Markdown and as comma-separated values.
+
+use super::super::markdown;
+use crate::error::ReportError;
+use crate::html::Block;
+use crate::output::io;
+use std::io::Write;
+
+/// Names of the columns, rows, conditions.
+#[derive(Clone)]
+pub(super) struct Table {
+    head: Vec<String>,
+    rows: Vec<Vec<String>>,
+    note: String,
+}
+
+impl Table {
+    pub fn new(head: &[&str], rows: Vec<Vec<String>>, note: impl Into<String>) -> Self {
+        Self { head: head.iter().map(|name| (*name).to_owned()).collect(), rows, note: note.into() }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    pub fn block(&self) -> Block {
+        let Self { head, rows, note } = self.clone();
+        Block::Table { head, rows, note }
+    }
+
+    pub fn markdown(&self) -> String {
+        let head: Vec<&str> = self.head.iter().map(String::as_str).collect();
+        format!("{}\n{}\n", markdown::table(&head, &self.rows), self.note)
+    }
+
+    /// Cells with commas, quotes or line breaks are quoted.
+    pub fn write_csv(&self, out: &mut dyn Write) -> Result<(), ReportError> {
+        let mut writer = csv::Writer::from_writer(out);
+        writer.write_record(&self.head).map_err(csv_failed)?;
+        for row in &self.rows {
+            writer.write_record(row).map_err(csv_failed)?;
+        }
+        writer.flush().map_err(io)
+    }
+}
+
+pub(super) fn csv_failed(error: csv::Error) -> ReportError {
+    ReportError::Failure(format!("writing failed: {error}"))
+}

@@ -1,0 +1,252 @@
+//! Figures of merit of denoised sequences.
+
+use super::super::statistics::quantile;
+use super::super::table::Cell;
+use super::held_out::{HeldOutSequence, QUIET_FRAMES};
+use super::variants::{ImageVariant, ImagedSequence};
+use crate::error::ReportError;
+use eit_inverse::metrics::{
+    Cells, TouchErrors, TouchSettings, correlation_coefficient, structural_similarity,
+    touch_position_errors_m,
+};
+use eit_mesh::Raster;
+use ndarray::{Array2, ArrayView2, ArrayView3, Axis};
+use std::collections::BTreeMap;
+
+/// A finger weaker than this is on its way: its frame counts for nothing, newton.
+pub(super) const FULL_N: f64 = 0.2;
+/// Part of a variant's usual maximum that a blob must reach to be one: of the touched frames of the
+/// sequence, or, for one without truth, of those with it.
+pub(super) const FLOOR: f64 = 0.25;
+/// Farthest that a blob may be from its finger, metres.
+pub(super) const WITHIN_M: f64 = 0.025;
+
+/// What all sequences are judged by.
+pub(super) struct Evaluation<'a> {
+    raster: &'a Raster,
+    cells: Cells<2>,
+    /// Least peak of a blob: by sequence, by variant.
+    floors: BTreeMap<&'static str, BTreeMap<String, f64>>,
+}
+
+/// Figures of one variant of a sequence, one entry for each frame that counts.
+#[derive(Default)]
+pub(super) struct VariantScores {
+    /// Mean squared error; over the raw image's after [`VariantScores::relative_to`].
+    pub over_raw: Vec<f64>,
+    psnr_db: Vec<f64>,
+    similarity: Vec<f64>,
+    correlation: Vec<f64>,
+    errors_m: Vec<f64>,
+    fingers: usize,
+    invented: usize,
+    /// Frames without a finger, after the quiet ones, and their blobs.
+    idle: usize,
+    idle_blobs: usize,
+}
+
+/// What touches in a frame.
+enum Present {
+    Nothing,
+    /// Some finger is on its way.
+    Unclear,
+    Fingers(Vec<[f64; 2]>),
+}
+
+fn present(sequence: &HeldOutSequence, frame: usize) -> Present {
+    let touches = &sequence.touches[frame];
+    if touches.is_empty() {
+        return Present::Nothing;
+    }
+    match touches.iter().all(|touch| touch.force_n >= FULL_N) {
+        true => Present::Fingers(touches.iter().map(|touch| touch.position_m).collect()),
+        false => Present::Unclear,
+    }
+}
+
+impl<'a> Evaluation<'a> {
+    /// Takes the floors from touched frames.
+    pub fn new(raster: &'a Raster, imaged: &[ImagedSequence]) -> Result<Self, ReportError> {
+        let mut floors: BTreeMap<&str, BTreeMap<String, f64>> = BTreeMap::new();
+        let mut all: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+        let (known, others): (Vec<_>, Vec<_>) =
+            imaged.iter().partition(|imaged| imaged.sequence.truth.is_some());
+        for ImagedSequence { sequence, variants } in known {
+            for variant in variants {
+                let touched = |f: &usize| matches!(present(sequence, *f), Present::Fingers(_));
+                let frames = (QUIET_FRAMES..sequence.touches.len()).filter(touched);
+                let peaks: Vec<f64> =
+                    frames.map(|f| peak(variant.images.index_axis(Axis(0), f))).collect();
+                let floor = FLOOR * quantile(&peaks, 0.5);
+                floors.entry(sequence.name).or_default().insert(variant.name.clone(), floor);
+                all.entry(variant.name.as_str()).or_default().push(floor);
+            }
+        }
+        for ImagedSequence { sequence, variants } in others {
+            for variant in variants {
+                let floor = quantile(&all[variant.name.as_str()], 0.5);
+                floors.entry(sequence.name).or_default().insert(variant.name.clone(), floor);
+            }
+        }
+        Ok(Self { raster, cells: Cells::of_raster(raster), floors })
+    }
+
+    /// Scores of a variant of a sequence.
+    pub fn scores(
+        &self,
+        sequence: &HeldOutSequence,
+        variant: &ImageVariant,
+    ) -> Result<VariantScores, ReportError> {
+        let mut scores = VariantScores::default();
+        let floor = self.floor(sequence, variant);
+        let truth = sequence.truth.as_ref().map(|truth| truth.view());
+        let most = truth.map_or(0.0, |truth| truth.iter().copied().fold(0.0, f64::max));
+        for frame in QUIET_FRAMES..sequence.touches.len() {
+            let image = variant.images.index_axis(Axis(0), frame);
+            match present(sequence, frame) {
+                Present::Unclear => {}
+                Present::Nothing => {
+                    scores.idle += 1;
+                    scores.idle_blobs += self.blobs(image, &[], floor)?.extra;
+                }
+                Present::Fingers(places) => {
+                    let found = self.blobs(image, &places, floor)?;
+                    scores.fingers += places.len();
+                    scores.invented += found.extra;
+                    scores.errors_m.extend(found.errors_m.iter().flatten());
+                    if let Some(truth) = truth {
+                        scores.compare(
+                            image,
+                            truth.index_axis(Axis(0), frame),
+                            self.raster,
+                            most,
+                        )?;
+                    }
+                }
+            }
+        }
+        Ok(scores)
+    }
+
+    /// Least peak of a blob.
+    fn floor(&self, sequence: &HeldOutSequence, variant: &ImageVariant) -> f64 {
+        let of_sequence = self.floors.get(sequence.name);
+        of_sequence.and_then(|floors| floors.get(&variant.name)).copied().unwrap_or(0.0)
+    }
+
+    /// Blobs of an image against the fingers.
+    fn blobs(
+        &self,
+        image: ArrayView2<'_, f64>,
+        places: &[[f64; 2]],
+        floor: f64,
+    ) -> Result<TouchErrors<2>, ReportError> {
+        let mut pixels = vec![0.0; self.raster.masked_pixels().len()];
+        self.raster.pixels_from_image_into(image, &mut pixels)?;
+        if peak(image) < floor {
+            pixels.fill(0.0);
+        }
+        let settings = TouchSettings { within_m: WITHIN_M, ..Default::default() };
+        Ok(touch_position_errors_m(&pixels, &self.cells, places, &settings)?)
+    }
+}
+
+/// The largest value of an image.
+fn peak(image: ArrayView2<'_, f64>) -> f64 {
+    image.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max)
+}
+
+impl VariantScores {
+    fn compare(
+        &mut self,
+        image: ArrayView2<'_, f64>,
+        truth: ArrayView2<'_, f64>,
+        raster: &Raster,
+        most: f64,
+    ) -> Result<(), ReportError> {
+        // the meshes' rims differ by a pixel here and there
+        let mask = Array2::from_shape_fn(image.dim(), |at| {
+            raster.mask()[at] && truth[at].is_finite() && image[at].is_finite()
+        });
+        let inside = |image: ArrayView2<'_, f64>| -> Vec<f64> {
+            image.iter().zip(&mask).filter(|(_, inside)| **inside).map(|(v, _)| *v).collect()
+        };
+        let (x, t) = (inside(image), inside(truth));
+        let error = x.iter().zip(&t).map(|(x, t)| (x - t).powi(2)).sum::<f64>() / x.len() as f64;
+        self.over_raw.push(error);
+        self.psnr_db.push(10.0 * (most * most / error).log10());
+        let equal = vec![1.0; x.len()];
+        self.correlation.push(correlation_coefficient(&x, &t, &equal)?);
+        let similarity = structural_similarity(image, truth, mask.view(), Some(most))?;
+        self.similarity.push(similarity.unwrap_or(f64::NAN));
+        Ok(())
+    }
+
+    /// Errors as parts of the raw images'.
+    pub fn relative_to(mut self, raw: &[f64]) -> Self {
+        for (error, raw) in self.over_raw.iter_mut().zip(raw) {
+            *error /= raw;
+        }
+        self
+    }
+
+    /// A row of the table of touched frames.
+    pub fn touched_row(&self, name: &str, variant: &ImageVariant) -> Vec<Cell> {
+        let frames = self.over_raw.len() as f64;
+        vec![
+            Cell::text(name),
+            Cell::text(&variant.name),
+            Cell::Number(frames, 0),
+            Cell::Number(quantile(&self.over_raw, 0.5), 3),
+            Cell::Number(quantile(&self.over_raw, 0.9), 3),
+            Cell::Number(quantile(&self.psnr_db, 0.5), 1),
+            Cell::Number(quantile(&self.similarity, 0.5), 3),
+            Cell::Number(quantile(&self.correlation, 0.5), 3),
+            Cell::Number(self.errors_m.len() as f64 / self.fingers as f64, 3),
+            Cell::Number(self.invented as f64 / frames, 3),
+            Cell::Number(1e3 * quantile(&self.errors_m, 0.5), 2),
+            Cell::Number(variant.put_aside.unwrap_or(f64::NAN), 3),
+        ]
+    }
+
+    /// A row of the table of other frames; `None` for a script that leaves none.
+    pub fn foreign_row(
+        &self,
+        sequence: &HeldOutSequence,
+        variant: &ImageVariant,
+    ) -> Option<Vec<Cell>> {
+        let scripted = sequence.truth.is_some();
+        // a palm is there all the time but while it moves on
+        let palm = !scripted && self.fingers > 0;
+        let (frames, blobs) = match palm {
+            true => (self.fingers, self.errors_m.len() + self.invented),
+            false => (self.idle, self.idle_blobs),
+        };
+        let name = match scripted {
+            true => format!("{}, between touches", sequence.name),
+            false => sequence.name.to_owned(),
+        };
+        let aside = if scripted { f64::NAN } else { variant.put_aside.unwrap_or(f64::NAN) };
+        (frames >= 10).then(|| {
+            vec![
+                Cell::text(name),
+                Cell::text(&variant.name),
+                Cell::Number(frames as f64, 0),
+                Cell::Number(blobs as f64 / frames as f64, 3),
+                Cell::Number(aside, 3),
+            ]
+        })
+    }
+}
+
+/// Mean squared error of each frame after the quiet ones, siemens squared.
+pub(super) fn errors(images: ArrayView3<'_, f64>, truth: ArrayView3<'_, f64>) -> Vec<f64> {
+    let frames = images.outer_iter().zip(truth.outer_iter()).skip(QUIET_FRAMES);
+    frames
+        .map(|(image, truth)| {
+            let off = image.iter().zip(truth).map(|(v, t)| (v - t).powi(2));
+            let off: Vec<f64> = off.filter(|v| v.is_finite()).collect();
+            off.iter().sum::<f64>() / off.len() as f64
+        })
+        .collect()
+}

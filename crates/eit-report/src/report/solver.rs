@@ -1,0 +1,176 @@
+//! Methods set up for a recording, with what each step of that cost.
+
+use super::reconstruction_model::ReconstructionModel;
+use crate::error::ReportError;
+use eit_inverse::{DifferenceFrames, SequenceReport, SequenceSolver, StTv, Stop};
+use eit_mesh::Raster;
+use eit_skin::method::Method;
+use eit_skin::scene::{Hyperparameter, ReconstructionSettings, Rule};
+use eit_skin::{FittedFrames, Progress, sequence, total_variation};
+use ndarray::Array2;
+use std::time::Instant;
+
+/// A method, with or without a lower bound.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct BoundedMethod {
+    pub method: Method,
+    /// Least change of conductivity; only total variation takes it here.
+    pub lower_s: Option<f64>,
+}
+
+impl BoundedMethod {
+    /// In tables and legends.
+    pub fn name(self) -> String {
+        match self.lower_s {
+            None => self.method.name().to_owned(),
+            Some(_) => format!("{} ≥ 0", self.method.name()),
+        }
+    }
+
+    /// The settings of a skin with this bound, and with a rule for the hyperparameter of those that have
+    /// one.
+    pub fn settings(self, model: &ReconstructionModel, rule: Rule) -> ReconstructionSettings {
+        let mut settings = model.settings().clone();
+        settings.hyperparameter = Some(Hyperparameter::Rule(rule));
+        settings.lower_s = self.lower_s;
+        settings
+    }
+}
+
+/// Every method once, and st-tv with what is known of the fabric; the slowest by far comes last.
+pub(super) const METHODS: [BoundedMethod; 7] = [
+    BoundedMethod { method: Method::StTv, lower_s: None },
+    BoundedMethod { method: Method::StTv, lower_s: Some(0.0) },
+    BoundedMethod { method: Method::Tv, lower_s: None },
+    BoundedMethod { method: Method::GaussNewton, lower_s: None },
+    BoundedMethod { method: Method::TimePrior, lower_s: None },
+    BoundedMethod { method: Method::Kalman, lower_s: None },
+    BoundedMethod { method: Method::GaussNewtonAbsolute, lower_s: None },
+];
+
+/// A method set up for one recording.
+pub(super) struct Solver<'a> {
+    raster: &'a Raster,
+    algorithm: Algorithm<'a>,
+    pub cost: SetUpCost,
+    /// Independent directions of the data.
+    pub rank: usize,
+}
+
+/// What comes before the first frame.
+#[derive(Debug, Clone)]
+pub(super) struct SetUpCost {
+    /// Set-up for the skin: factorisations.
+    pub set_up_s: f64,
+    /// Choice of weights or hyperparameter for the recording.
+    pub choice_s: f64,
+    /// That choice in words.
+    pub choice: String,
+}
+
+enum Algorithm<'a> {
+    /// On pixels.
+    TotalVariation(Box<StTv>),
+    /// On elements.
+    Sequence(Box<dyn SequenceSolver + 'a>),
+}
+
+/// A recording reconstructed.
+pub(super) struct ImageSequence {
+    /// Siemens, [frame, masked pixel].
+    pub pixels: Array2<f64>,
+    pub report: SequenceReport,
+}
+
+impl<'a> Solver<'a> {
+    /// Sets a method up for frames, and chooses its weights or hyperparameter.
+    pub fn new(
+        model: &'a ReconstructionModel,
+        fitted: &'a FittedFrames,
+        method: Method,
+    ) -> Result<Self, ReportError> {
+        match method.is_tv() {
+            true => Self::total_variation(model, fitted, method),
+            false => Self::on_elements(model, fitted, method),
+        }
+    }
+
+    /// The solver of total variation with its weights; `None` for other methods.
+    pub fn into_total_variation(self) -> Option<StTv> {
+        match self.algorithm {
+            Algorithm::TotalVariation(solver) => Some(*solver),
+            Algorithm::Sequence(_) => None,
+        }
+    }
+
+    fn total_variation(
+        model: &'a ReconstructionModel,
+        fitted: &FittedFrames,
+        method: Method,
+    ) -> Result<Self, ReportError> {
+        let start = Instant::now();
+        let FittedFrames { skin, frames, .. } = fitted;
+        let (raster, used) = (&model.raster, &frames.used);
+        let values = fitted.differences();
+        let noise = fitted.noise()?.map(|noise| noise.with_model_error(&values, &frames.good));
+        let jacobian = skin.pixel_jacobian(raster, used)?;
+        let settings = &skin.skin.settings.reconstruction;
+        let noise_std = noise.map(|noise| noise.std);
+        let mut solver =
+            total_variation::solver(&jacobian, raster, method, settings, noise_std, used)?;
+        let set_up_s = start.elapsed().as_secs_f64();
+        let start = Instant::now();
+        let differences = DifferenceFrames::all_good(values.view());
+        let length_m = total_variation::time_length_m(raster);
+        let weights = total_variation::chosen_weights(&mut solver, &differences, length_m)?;
+        let choice = format!("lambda_space {:.2e}, {}", weights.lambda_space, weights.rule);
+        let (rank, choice_s) = (solver.rank(), start.elapsed().as_secs_f64());
+        let algorithm = Algorithm::TotalVariation(Box::new(solver));
+        Ok(Self { raster, algorithm, cost: SetUpCost { set_up_s, choice_s, choice }, rank })
+    }
+
+    fn on_elements(
+        model: &'a ReconstructionModel,
+        fitted: &'a FittedFrames,
+        method: Method,
+    ) -> Result<Self, ReportError> {
+        let start = Instant::now();
+        let imaging = fitted.one_step(&mut Progress::silent())?;
+        let choice_s = start.elapsed().as_secs_f64();
+        let report = imaging.difference.report();
+        let mut settings = fitted.one_step_settings()?;
+        settings.hyperparameter = report.hyperparameter;
+        let start = Instant::now();
+        let built = sequence::method(method, &fitted.skin, model.prior.as_ref(), settings)?;
+        let Some(built) = built else {
+            return Err(ReportError::Failure(format!("{} works on pixels", method.name())));
+        };
+        let set_up_s = start.elapsed().as_secs_f64();
+        let choice = format!("hyperparameter {:.2e}, {}", report.hyperparameter, imaging.rule);
+        Ok(Self {
+            raster: &model.raster,
+            algorithm: Algorithm::Sequence(built),
+            cost: SetUpCost { set_up_s, choice_s, choice },
+            rank: report.rank,
+        })
+    }
+
+    /// Reconstructs; `stop` counts for total variation.
+    pub fn run(
+        &mut self,
+        differences: &DifferenceFrames<'_>,
+        stop: &Stop,
+    ) -> Result<ImageSequence, ReportError> {
+        Ok(match &mut self.algorithm {
+            Algorithm::TotalVariation(solver) => {
+                let found = solver.solve(differences, stop)?;
+                ImageSequence { pixels: found.images, report: found.report }
+            }
+            Algorithm::Sequence(method) => {
+                let found = method.reconstruct_sequence(differences)?;
+                let pixels = sequence::pixels_of(found.images.view(), self.raster)?;
+                ImageSequence { pixels, report: found.report }
+            }
+        })
+    }
+}

@@ -1,0 +1,133 @@
+//! The simulated disc of the touch figures: one mesh makes the data, others reconstruct.
+
+use super::super::reconstruction_model::ReconstructionModel;
+use super::super::statistics::rms;
+use super::random::Random;
+use crate::error::ReportError;
+use eit_inverse::metrics::Cells;
+use eit_inverse::touch::Bell;
+use eit_mesh::SkinShape;
+use eit_skin::frames::Frames;
+use eit_skin::scene::MeshSource;
+use eit_skin::{Progress, Skin};
+use ndarray::Array2;
+use std::f64::consts::TAU;
+
+/// Touch of the figures: a bell of 10 mm and 30 %.
+pub(super) const RADIUS_M: f64 = 0.010;
+pub(super) const AMPLITUDE: f64 = 0.3;
+
+/// Parts of the skin's radius that stand for centre, half way and rim.
+pub(super) const RINGS: [f64; 3] = [0.0, 0.5, 0.8];
+
+/// Noise from which on the fit needs a finer mesh: that of 2 000 nodes errs by more than half of
+/// the bound of 70 dB near the rim.
+const FINE_FIT_DB: f64 = 65.0;
+
+/// Nodes of the mesh that makes the data, and of the one that fits where noise is small.
+pub(super) const SIMULATION_NODES: usize = 9000;
+const FINE_FIT_NODES: usize = 5000;
+
+/// The paper's skin on the meshes that simulate, reconstruct and fit, with its reference voltages.
+pub(super) struct SimulatedDisc {
+    /// What reconstructs: 2 000 nodes.
+    pub model: ReconstructionModel,
+    /// What makes the data.
+    pub simulation: Skin,
+    /// What fits where noise is small.
+    pub fine_fit: Skin,
+    /// Radius of the skin, metres.
+    pub radius_m: f64,
+    /// The pixels in space.
+    pub cells: Cells<3>,
+    /// Voltages of the untouched skin on the mesh of the data, volt.
+    pub reference_v: Vec<f64>,
+}
+
+impl SimulatedDisc {
+    /// The paper's skin.
+    pub fn new(pixels: usize, progress: &mut Progress) -> Result<Self, ReportError> {
+        let model = ReconstructionModel::paper_disc(pixels, progress)?;
+        let simulation = model.skin().with_nodes(SIMULATION_NODES, progress)?;
+        let fine_fit = model.skin().with_nodes(FINE_FIT_NODES, progress)?;
+        let MeshSource::Generated { shape: SkinShape::Disc { radius_m }, .. } = simulation.source
+        else {
+            return Err(ReportError::Failure("touch figures are those of a disc".to_owned()));
+        };
+        let reference_v = simulation.model.forward(&simulation.background_s())?.to_vec();
+        let cells = Cells::of_raster_on(&model.raster, model.skin().mesh.surface())?;
+        Ok(Self { model, simulation, fine_fit, radius_m, cells, reference_v })
+    }
+
+    /// The mesh to fit on at a noise level.
+    pub fn fit_skin(&self, noise_db: f64) -> &Skin {
+        if noise_db >= FINE_FIT_DB { &self.fine_fit } else { self.model.skin() }
+    }
+
+    /// Sheet conductivity, siemens.
+    pub fn conductivity_s(&self) -> f64 {
+        self.simulation.conductivity_s
+    }
+
+    /// Standard deviation of a difference's noise, volt: so many decibel below the root mean square
+    /// of the reference voltages.
+    pub fn noise_std_v(&self, noise_db: f64) -> f64 {
+        rms(&self.reference_v) * 10_f64.powf(-noise_db / 20.0)
+    }
+
+    /// Voltages of a skin with bells, without noise.
+    pub fn voltages(&self, bells: &[Bell]) -> Result<Vec<f64>, ReportError> {
+        let of = |p: &[f64; 3], bell: &Bell| {
+            let d2: f64 = (0..3).map(|i| (p[i] - bell.position_m[i]).powi(2)).sum();
+            bell.amplitude * (-0.5 * d2 / bell.radius_m.powi(2)).exp()
+        };
+        let centroids = self.simulation.mesh.surface().centroids();
+        let change = |p: &[f64; 3]| bells.iter().map(|bell| of(p, bell)).sum::<f64>();
+        let sigma: Vec<f64> =
+            centroids.iter().map(|p| self.conductivity_s() * (1.0 + change(p))).collect();
+        Ok(self.simulation.model.forward(&sigma)?.to_vec())
+    }
+
+    /// Frames of voltages against the reference without noise, for what reads recordings.
+    pub fn frames(&self, values: Array2<f64>, reference: &[f64]) -> Frames {
+        Frames {
+            good: Array2::from_elem(values.raw_dim(), true),
+            used: vec![true; reference.len()],
+            values,
+            reference: reference.to_vec(),
+            reference_source: "the untouched skin".to_owned(),
+            // without noise of its own
+            reference_frames: usize::MAX,
+            quiet: None,
+            rate_hz: None,
+            reciprocity_error: None,
+            notes: Vec::new(),
+        }
+    }
+
+    /// Places of a ring: equal steps of the angle between two electrodes from a seeded start, so that
+    /// no symmetry helps. The centre is one place.
+    pub fn places(&self, ring: f64, count: usize) -> Vec<[f64; 2]> {
+        let electrodes = self.simulation.mesh.electrodes().len() as f64;
+        let first = TAU * Random::new(17, (100.0 * ring) as u64).uniform();
+        let at = |k: usize| {
+            // once around the skin, and once through the gap between electrodes
+            let part = k as f64 / count as f64;
+            let angle = first + TAU * part + TAU / electrodes * part;
+            let r = ring * self.radius_m;
+            [r * angle.cos(), r * angle.sin()]
+        };
+        (0..count).map(at).collect()
+    }
+}
+
+/// A touch of the figures at a place.
+pub(super) fn bell(position_m: [f64; 2]) -> Bell {
+    let [x, y] = position_m;
+    Bell { position_m: [x, y, 0.0], amplitude: AMPLITUDE, radius_m: RADIUS_M }
+}
+
+/// Straight distance in the plane, metres.
+pub(super) fn distance_m(found: [f64; 3], place: [f64; 2]) -> f64 {
+    (found[0] - place[0]).hypot(found[1] - place[1])
+}
