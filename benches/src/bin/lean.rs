@@ -102,9 +102,14 @@ const CHOICES: [Choice; 16] = [
         others: STEP_TIME,
     },
     Choice {
-        crates: &[("eit-mesh", &[]), ("eit-fem", &[]), ("eit-inverse", &[]), ("eit-hw", &[])],
-        example: "eit-cli/examples/robot_loop/main.rs",
-        others: &[NDARRAY],
+        crates: &[("eit-skin", &["hw"])],
+        example: "eit-skin/examples/robot.rs",
+        others: &[],
+    },
+    Choice {
+        crates: &[("eit-skin", &["hw", "recording"])],
+        example: "eit-skin/examples/robot.rs",
+        others: &[],
     },
     Choice { crates: &[("eit-cli", &[])], example: "", others: &[] },
 ];
