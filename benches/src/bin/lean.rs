@@ -101,11 +101,7 @@ const CHOICES: [Choice; 16] = [
         example: "eit-denoise/examples/step_time.rs",
         others: STEP_TIME,
     },
-    Choice {
-        crates: &[("eit-skin", &["hw"])],
-        example: "eit-skin/examples/robot.rs",
-        others: &[],
-    },
+    Choice { crates: &[("eit-skin", &["hw"])], example: "eit-skin/examples/robot.rs", others: &[] },
     Choice {
         crates: &[("eit-skin", &["hw", "recording"])],
         example: "eit-skin/examples/robot.rs",

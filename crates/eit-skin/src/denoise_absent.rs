@@ -1,7 +1,7 @@
 //! Without feature `denoise` there is no net: a skin that asks for one is refused.
 
 use crate::error::SkinError;
-use crate::linearised::FittedFrames;
+use crate::fitted::FittedFrames;
 use crate::skin::Skin;
 use eit_mesh::Raster;
 

@@ -7,9 +7,11 @@ pub mod denoise;
 #[cfg(not(feature = "denoise"))]
 #[path = "denoise_absent.rs"]
 mod denoise;
+mod displacement;
 #[cfg(feature = "hw")]
 pub mod emulate;
 mod error;
+mod fitted;
 pub mod frames;
 mod linearised;
 pub mod live;
@@ -37,7 +39,8 @@ pub use eit_inverse::touch::{Touch, TouchState};
 pub use {eit_denoise, eit_fem, eit_hw, eit_inverse, eit_mesh, ndarray};
 
 pub use error::SkinError;
-pub use linearised::{FittedFrames, LinearisedSkin};
+pub use fitted::FittedFrames;
+pub use linearised::LinearisedSkin;
 pub use live::{LiveFrame, LiveModel, LiveObserver, LiveStream, Pushed, Sensor, TouchFrame};
 pub use progress::{Observer, Progress, Silent, StageTime, Steps};
 pub use scene::Scene;

@@ -1,9 +1,7 @@
 //! A skin linearised at its untouched state: what every linear method starts from.
 
+use crate::displacement;
 use crate::error::SkinError;
-use crate::frames::{Frames, ModelFit};
-use crate::movement;
-use crate::noise::DataNoise;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, PriorKind, ReconstructionSettings};
 use crate::skin::{Skin, rounding_warning};
@@ -12,8 +10,8 @@ use eit_inverse::{
     DifferenceData, Gaussian, GaussianSettings, Laplace, LaplaceSettings, Noser, Prior, Tikhonov,
 };
 use eit_mesh::Raster;
-use ndarray::{Array1, Array2, ArrayView1};
-use std::sync::{Arc, OnceLock};
+use ndarray::{Array1, Array2};
+use std::sync::OnceLock;
 
 /// Voltages and Jacobian of the homogeneous background.
 #[derive(Debug, Clone)]
@@ -63,7 +61,7 @@ impl Skin {
             })
         })?;
         if self.settings.reconstruction.electrode_movement_m.is_some() {
-            linearised.movement = Some(movement::jacobian(&background, self, progress)?);
+            linearised.movement = Some(displacement::jacobian(&background, self, progress)?);
         }
         Ok(linearised)
     }
@@ -172,61 +170,5 @@ impl LinearisedSkin {
         let from_pixel = raster.element_from_pixel();
         let jacobian = from_pixel.premultiply_dense(self.jacobian.view())?;
         self.rows_of_differences(jacobian, used)
-    }
-
-    /// Holds frames against the model.
-    ///
-    /// # Errors
-    ///
-    /// A reference of zero, or of the opposite sign where differences are plain.
-    pub fn fit(self: &Arc<Self>, mut frames: Frames) -> Result<FittedFrames, SkinError> {
-        let voltages = self.voltages.to_vec();
-        let kind = self.difference_kind();
-        let fit = frames.fit_model(&voltages, kind, self.skin.conductivity_s)?;
-        Ok(FittedFrames { skin: Arc::clone(self), frames, fit })
-    }
-}
-
-/// Frames with their reference, held against a linearised skin: what images are made of.
-#[derive(Debug, Clone)]
-pub struct FittedFrames {
-    /// The model.
-    pub skin: Arc<LinearisedSkin>,
-    /// Values and reference, in protocol order.
-    pub frames: Frames,
-    /// How the model's voltages explain the reference.
-    pub fit: ModelFit,
-}
-
-impl FittedFrames {
-    /// Difference data [frame, measurement], zero where a value is not used: volt, or relative to
-    /// the reference.
-    pub fn differences(&self) -> Array2<f64> {
-        self.frames.differences(self.skin.difference_kind())
-    }
-
-    /// The same with NaN where a value is not used or not good.
-    pub fn differences_or_nan(&self) -> Array2<f64> {
-        let mut differences = self.differences();
-        differences.zip_mut_with(&self.good(), |value, good| {
-            if !good {
-                *value = f64::NAN;
-            }
-        });
-        differences
-    }
-
-    /// Whether a value is good and used, [frame, measurement].
-    pub fn good(&self) -> Array2<bool> {
-        &self.frames.good & &ArrayView1::from(&self.frames.used)
-    }
-
-    /// The noise of the differences: stated, measured on quiet frames, or `None` where it is unknown.
-    ///
-    /// # Errors
-    ///
-    /// Quiet frames that the settings name and that show no noise.
-    pub fn noise(&self) -> Result<Option<DataNoise>, SkinError> {
-        DataNoise::known(self)
     }
 }

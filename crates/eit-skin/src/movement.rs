@@ -13,15 +13,14 @@
 //! displacements are cheaper than any image, and explain the touch. Total variation, whose weights come
 //! from the noise, needs neither.
 
-mod displacement;
 mod whitening;
 
-pub(crate) use displacement::jacobian;
 pub(crate) use whitening::Whitening;
 
 use crate::error::SkinError;
+use crate::fitted::FittedFrames;
 use crate::frames::Frames;
-use crate::linearised::{FittedFrames, LinearisedSkin};
+use crate::linearised::LinearisedSkin;
 use crate::method::Method;
 use crate::noise::DataNoise;
 use crate::one_step::{ChosenBy, Imaging, choose};

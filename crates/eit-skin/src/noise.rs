@@ -1,9 +1,6 @@
 //! Noise of difference data: stated in the scene, measured on quiet frames, or unknown.
 
-use crate::error::SkinError;
-use crate::frames::{Frames, QuietFrames};
-use crate::linearised::FittedFrames;
-use eit_inverse::{DifferenceData, noise_std_of_quiet_frames};
+use crate::frames::Frames;
 use ndarray::Array2;
 
 /// Error of the linear model as a part of the differences: two fingers of half the conductivity
@@ -27,11 +24,22 @@ pub struct DataNoise {
 }
 
 impl DataNoise {
-    fn new(of_frames: Vec<f64>, frames: &Frames, source: String) -> Self {
+    /// That of single frames, with the share of a reference that is a mean.
+    pub(crate) fn of_single_frames(of_frames: Vec<f64>, frames: &Frames, source: String) -> Self {
         let reference_frames = frames.reference_frames.max(1);
         let noise = Self { std: of_frames, reference_frames, source, model_error: 1.0 };
         let share = noise.share(1);
         noise.times(share)
+    }
+
+    /// White: of standard deviation 1, reference included.
+    pub(crate) fn white(frames: &Frames) -> Self {
+        Self {
+            std: vec![1.0; frames.used.len()],
+            reference_frames: frames.reference_frames.max(1),
+            source: "that of the frames, with the movement of electrodes".to_owned(),
+            model_error: 1.0,
+        }
     }
 
     /// What the model's error alone is, equal in all measurements: where no noise is known. `good`
@@ -94,64 +102,4 @@ fn root_mean_square(values: &Array2<f64>, good: &Array2<bool>, unit: impl Fn(usi
         count += 1.0;
     }
     if count > 0.0 { (sum / count).sqrt() } else { 0.0 }
-}
-
-impl DataNoise {
-    /// The noise that the settings state, else that of the quiet frames; `None` where it is unknown.
-    ///
-    /// The gain between the model's voltages and the reference's scales the division of normalised
-    /// data. A difference has the noise of its frame and `1 / k` of that variance from a reference
-    /// that is the mean of `k` frames.
-    pub(crate) fn known(fitted: &FittedFrames) -> Result<Option<Self>, SkinError> {
-        let FittedFrames { skin, frames, fit } = fitted;
-        if skin.is_white {
-            return Ok(Some(Self {
-                std: vec![1.0; frames.used.len()],
-                reference_frames: frames.reference_frames.max(1),
-                source: "that of the frames, with the movement of electrodes".to_owned(),
-                model_error: 1.0,
-            }));
-        }
-        let data = skin.difference_data();
-        let keys = &skin.skin.settings.noise;
-        if let Some(additive_v) = keys.additive_v {
-            let mut std = data.noise_std(&vec![additive_v; frames.used.len()])?;
-            if matches!(data, DifferenceData::Normalised { .. }) {
-                std.iter_mut().for_each(|e| *e /= fit.gain.abs());
-            }
-            let source = format!("{additive_v:e} V in a voltage, from the scene");
-            return Ok(Some(Self::new(std, frames, source)));
-        }
-        let Some(quiet) = &frames.quiet else { return Ok(None) };
-        match measured(quiet, frames, &data) {
-            Ok(std) => {
-                let source = format!("measured on {}", quiet.source);
-                Ok(Some(Self::new(std, frames, source)))
-            }
-            Err(error) if keys.quiet_frames.is_some() => {
-                Err(SkinError::from(error).within("noise.quiet_frames"))
-            }
-            // nobody said that the frames of the reference show noise
-            Err(_) => Ok(None),
-        }
-    }
-}
-
-fn measured(
-    quiet: &QuietFrames,
-    frames: &Frames,
-    data: &DifferenceData,
-) -> Result<Vec<f64>, eit_inverse::InverseError> {
-    let mut values = quiet.values.clone();
-    if matches!(data, DifferenceData::Normalised { .. }) {
-        for (mut column, (reference, used)) in
-            values.columns_mut().into_iter().zip(frames.reference.iter().zip(&frames.used))
-        {
-            // unused ones are zero, whatever their reference
-            if *used {
-                column.iter_mut().for_each(|v| *v /= reference);
-            }
-        }
-    }
-    noise_std_of_quiet_frames(values.view())
 }

@@ -1,8 +1,8 @@
 //! One-step difference images, and what the methods on elements share: prior, data, lambda.
 
 use crate::error::SkinError;
+use crate::fitted::FittedFrames;
 use crate::frames::Frames;
-use crate::linearised::FittedFrames;
 use crate::progress::Progress;
 use crate::scene::{DifferenceKind, Hyperparameter, Rule};
 use crate::skin::check_images;

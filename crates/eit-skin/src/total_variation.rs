@@ -6,7 +6,7 @@ mod stream;
 pub use stream::{TvStream, WINDOW};
 
 use crate::error::SkinError;
-use crate::linearised::FittedFrames;
+use crate::fitted::FittedFrames;
 use crate::method::Method;
 use crate::noise::DataNoise;
 use crate::progress::Progress;

@@ -2,7 +2,7 @@
 //! reference that follows drift.
 
 use crate::error::SkinError;
-use crate::linearised::FittedFrames;
+use crate::fitted::FittedFrames;
 use crate::movement::{self, TakenOut, Whitening};
 use crate::noise::DataNoise;
 use crate::one_step::DEFAULT_NOISE_FIGURE;

@@ -4,6 +4,7 @@ mod held_out;
 mod motion;
 mod recorded;
 mod sequences;
+mod shared;
 mod simulated;
 
 pub use held_out::{held_out_scores, misfit_limit};

@@ -1,8 +1,9 @@
 //! Images of simulated frames as a reconstruction makes them of a recording.
 
 use crate::error::SkinError;
+use crate::fitted::FittedFrames;
 use crate::frames::Frames;
-use crate::linearised::{FittedFrames, LinearisedSkin};
+use crate::linearised::LinearisedSkin;
 use crate::method::{self, Method};
 use crate::progress::Progress;
 use crate::scene::{FrameSettings, NoiseSettings, Pair, Reference};

@@ -1,7 +1,7 @@
 //! Whether a net's images explain the measurements they came from.
 
 use crate::error::SkinError;
-use crate::linearised::FittedFrames;
+use crate::fitted::FittedFrames;
 use crate::noise::DataNoise;
 use crate::progress::Progress;
 use eit_denoise::{DataConsistency, DataMisfit};

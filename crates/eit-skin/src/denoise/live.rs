@@ -2,7 +2,7 @@
 
 use super::{Net, check};
 use crate::error::SkinError;
-use crate::linearised::FittedFrames;
+use crate::fitted::FittedFrames;
 use crate::progress::Progress;
 use eit_denoise::{DataConsistency, DenoiseError, Denoiser};
 use eit_mesh::Raster;

@@ -3,7 +3,7 @@
 use super::LiveModel;
 use crate::denoise::LiveNet;
 use crate::error::SkinError;
-use crate::linearised::FittedFrames;
+use crate::fitted::FittedFrames;
 use crate::method::Method;
 use crate::movement;
 use crate::progress::Progress;

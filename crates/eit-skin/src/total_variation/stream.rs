@@ -7,7 +7,7 @@
 
 use super::{Weights, solver, stop, time_length_m, weights};
 use crate::error::SkinError;
-use crate::linearised::FittedFrames;
+use crate::fitted::FittedFrames;
 use crate::method::Method;
 use crate::noise::DataNoise;
 use crate::progress::Progress;

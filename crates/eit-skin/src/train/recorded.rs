@@ -1,7 +1,7 @@
 //! Sequences of a real skin, whose truth nobody knows: wanted images by the paper's rule.
 
 use super::motion::Random;
-use super::sequences::Shared;
+use super::shared::Shared;
 use super::{HELD_OUT, is_held_out};
 use crate::error::SkinError;
 use crate::frames::{Frames, QuietFrames};

@@ -2,7 +2,7 @@
 
 use super::BaseRequest;
 use super::motion::{Fingers, MOST, QUIET, RECIPE, Random, fabric, script};
-use super::sequences::{Shared, TurnedOrder};
+use super::shared::{Shared, TurnedOrder};
 use crate::denoise::Lengths;
 use crate::error::SkinError;
 use crate::progress::Progress;

@@ -1,0 +1,116 @@
+//! Frames held against a linearised skin: what images are made of.
+
+use crate::error::SkinError;
+use crate::frames::{Frames, ModelFit, QuietFrames};
+use crate::linearised::LinearisedSkin;
+use crate::noise::DataNoise;
+use eit_inverse::{DifferenceData, noise_std_of_quiet_frames};
+use ndarray::{Array2, ArrayView1};
+use std::sync::Arc;
+
+impl LinearisedSkin {
+    /// Holds frames against the model.
+    ///
+    /// # Errors
+    ///
+    /// A reference of zero, or of the opposite sign where differences are plain.
+    pub fn fit(self: &Arc<Self>, mut frames: Frames) -> Result<FittedFrames, SkinError> {
+        let voltages = self.voltages.to_vec();
+        let kind = self.difference_kind();
+        let fit = frames.fit_model(&voltages, kind, self.skin.conductivity_s)?;
+        Ok(FittedFrames { skin: Arc::clone(self), frames, fit })
+    }
+}
+
+/// Frames with their reference, held against a linearised skin: what images are made of.
+#[derive(Debug, Clone)]
+pub struct FittedFrames {
+    /// The model.
+    pub skin: Arc<LinearisedSkin>,
+    /// Values and reference, in protocol order.
+    pub frames: Frames,
+    /// How the model's voltages explain the reference.
+    pub fit: ModelFit,
+}
+
+impl FittedFrames {
+    /// Difference data [frame, measurement], zero where a value is not used: volt, or relative to
+    /// the reference.
+    pub fn differences(&self) -> Array2<f64> {
+        self.frames.differences(self.skin.difference_kind())
+    }
+
+    /// The same with NaN where a value is not used or not good.
+    pub fn differences_or_nan(&self) -> Array2<f64> {
+        let mut differences = self.differences();
+        differences.zip_mut_with(&self.good(), |value, good| {
+            if !good {
+                *value = f64::NAN;
+            }
+        });
+        differences
+    }
+
+    /// Whether a value is good and used, [frame, measurement].
+    pub fn good(&self) -> Array2<bool> {
+        &self.frames.good & &ArrayView1::from(&self.frames.used)
+    }
+
+    /// The noise of the differences: that which the settings state, else that of the quiet frames;
+    /// `None` where it is unknown.
+    ///
+    /// The gain between the model's voltages and the reference's scales the division of normalised
+    /// data. A difference has the noise of its frame and `1 / k` of that variance from a reference
+    /// that is the mean of `k` frames.
+    ///
+    /// # Errors
+    ///
+    /// Quiet frames that the settings name and that show no noise.
+    pub fn noise(&self) -> Result<Option<DataNoise>, SkinError> {
+        let Self { skin, frames, fit } = self;
+        if skin.is_white {
+            return Ok(Some(DataNoise::white(frames)));
+        }
+        let data = skin.difference_data();
+        let keys = &skin.skin.settings.noise;
+        if let Some(additive_v) = keys.additive_v {
+            let mut std = data.noise_std(&vec![additive_v; frames.used.len()])?;
+            if matches!(data, DifferenceData::Normalised { .. }) {
+                std.iter_mut().for_each(|e| *e /= fit.gain.abs());
+            }
+            let source = format!("{additive_v:e} V in a voltage, from the scene");
+            return Ok(Some(DataNoise::of_single_frames(std, frames, source)));
+        }
+        let Some(quiet) = &frames.quiet else { return Ok(None) };
+        match measured(quiet, frames, &data) {
+            Ok(std) => {
+                let source = format!("measured on {}", quiet.source);
+                Ok(Some(DataNoise::of_single_frames(std, frames, source)))
+            }
+            Err(error) if keys.quiet_frames.is_some() => {
+                Err(SkinError::from(error).within("noise.quiet_frames"))
+            }
+            // nobody said that the frames of the reference show noise
+            Err(_) => Ok(None),
+        }
+    }
+}
+
+fn measured(
+    quiet: &QuietFrames,
+    frames: &Frames,
+    data: &DifferenceData,
+) -> Result<Vec<f64>, eit_inverse::InverseError> {
+    let mut values = quiet.values.clone();
+    if matches!(data, DifferenceData::Normalised { .. }) {
+        for (mut column, (reference, used)) in
+            values.columns_mut().into_iter().zip(frames.reference.iter().zip(&frames.used))
+        {
+            // unused ones are zero, whatever their reference
+            if *used {
+                column.iter_mut().for_each(|v| *v /= reference);
+            }
+        }
+    }
+    noise_std_of_quiet_frames(values.view())
+}

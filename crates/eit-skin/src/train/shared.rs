@@ -1,0 +1,61 @@
+//! What the sequences of a learning base share.
+
+use crate::denoise::{Chain, Chained};
+use crate::error::SkinError;
+use crate::skin::Skin;
+use eit_denoise::{DiscSymmetry, MeasurementOrder, ShardData};
+use ndarray::Array1;
+
+/// What all sequences share: the skin that reconstructs them, and its symmetries.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    /// Reconstructs.
+    pub chain: Chain,
+    pub seed: u64,
+    /// Ways to turn and mirror the skin; none where only the identity is known.
+    pub symmetries: Vec<TurnedOrder>,
+}
+
+/// A symmetry of the skin, and the order of measurements that it makes.
+#[derive(Debug)]
+pub(crate) struct TurnedOrder {
+    pub symmetry: DiscSymmetry,
+    pub order: MeasurementOrder,
+}
+
+impl Shared {
+    /// How a symmetry moves places.
+    pub fn matrix(&self, symmetry: DiscSymmetry) -> [[f64; 2]; 2] {
+        let skin = &self.chain.linearised.skin;
+        let count = skin.mesh.electrodes().len() as u32;
+        let (first, clockwise) =
+            skin.symmetry.map_or((0.0, false), |disc| (disc.first_angle_rad, disc.is_clockwise));
+        symmetry.matrix(count, first, clockwise)
+    }
+
+    /// DifferenceFrames of frames from their reference, and their noise; `None` where that is unknown.
+    pub fn data(&self, made: &Chained) -> Result<Option<ShardData>, SkinError> {
+        let fitted = &made.fitted;
+        let frames = &fitted.frames;
+        let Some(noise) = fitted.noise()? else { return Ok(None) };
+        let std = noise.std.iter().zip(&frames.used);
+        let noise_std: Array1<f32> =
+            std.map(|(std, used)| if *used { *std as f32 } else { f32::INFINITY }).collect();
+        let mut differences = fitted.differences().mapv(|v| v as f32);
+        differences.zip_mut_with(&frames.good, |value, good| {
+            if !good {
+                *value = f32::NAN;
+            }
+        });
+        Ok(Some(ShardData { differences, noise_std }))
+    }
+}
+
+/// Turns and mirror images that skin and protocol share; none where only the identity is known.
+pub(super) fn symmetries(skin: &Skin) -> Result<Vec<TurnedOrder>, SkinError> {
+    let (Some(quadruples), Some(_)) = (skin.protocol.quadruples(), skin.symmetry) else {
+        return Ok(Vec::new());
+    };
+    let orders = MeasurementOrder::of_disc(quadruples, skin.mesh.electrodes().len() as u32)?;
+    Ok(orders.into_iter().map(|(symmetry, order)| TurnedOrder { symmetry, order }).collect())
+}
