@@ -42,7 +42,7 @@ struct Choice {
 const NDARRAY: (&str, &str) = ("ndarray", "0.17");
 const STEP_TIME: &[(&str, &str)] = &[NDARRAY, ("cpu-time", "1")];
 
-const CHOICES: [Choice; 16] = [
+const CHOICES: [Choice; 17] = [
     Choice { crates: &[("eit-mesh", &[])], example: "eit-mesh/examples/disc.rs", others: &[] },
     Choice {
         crates: &[("eit-mesh", &[]), ("eit-fem", &[])],
