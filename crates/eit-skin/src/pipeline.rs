@@ -60,7 +60,7 @@ impl Setup {
         (0.1 * required).clamp(4.0 * f64::EPSILON, WARN_LOSS)
     }
 
-    /// One solve whose rounding is known to be small: by the textbook assembly where that suffices,
+    /// One solve whose rounding is known to be small: by nodal assembly where that suffices,
     /// else with electrodes eliminated analytically ([`ForwardModel::solve_to`]). Quadratic elements have the first path only.
     pub fn solve<'a>(
         &'a self,

@@ -14,9 +14,8 @@ use crate::scene::{Scene, Shape};
 use eit_fem::{ElementOrder, SolvePath};
 use eit_mesh::{Mesh, Quality};
 use rates::{
-    ACCURATE_NODE_S, CACHED_BYTES, COMPLEX_FLOPS, ELEMENT_S, FACTOR_FLOPS_PER_S,
-    FITTED_FLOPS_PER_S, NEW_BYTES_PER_S, NODE_S, STABLE_NODE_S, STORE_BYTES_PER_S,
-    USUAL_DIRECTIONS,
+    CACHED_BYTES, COMPLEX_FLOPS, ELEMENT_S, ELIMINATED_NODE_S, EXTENDED_NODE_S, FACTOR_FLOPS_PER_S,
+    FITTED_FLOPS_PER_S, NEW_BYTES_PER_S, NODE_S, STORE_BYTES_PER_S, USUAL_DIRECTIONS,
 };
 pub use rates::{PRODUCT_FLOPS_PER_S, SWEEP_FLOPS_PER_S};
 
@@ -155,12 +154,12 @@ fn mesh_stage(scene: &Scene, mesh: &Mesh) -> Stage {
     }
 }
 
-/// The one solve that images are linearised at, where textbook assembly may lose too many digits.
+/// The one solve that images are linearised at, where nodal assembly may lose too many digits.
 pub fn linearisation(setup: &Setup, path: SolvePath, machine: &Machine) -> Option<Stage> {
     let (node_s, numbers) = match path {
-        SolvePath::Plain => return None,
-        SolvePath::Stable => (STABLE_NODE_S, "f64"),
-        SolvePath::Accurate => (ACCURATE_NODE_S, "twice the precision"),
+        SolvePath::NodalAssembly => return None,
+        SolvePath::ElectrodesEliminated => (ELIMINATED_NODE_S, "f64"),
+        SolvePath::ExtendedPrecision => (EXTENDED_NODE_S, "twice the precision"),
     };
     let nodes = setup.mesh.surface().nodes().len() as f64;
     let mut stages = [Stage {
@@ -169,7 +168,7 @@ pub fn linearisation(setup: &Setup, path: SolvePath, machine: &Machine) -> Optio
         flops: 0.0,
         bytes: 0.0,
         time_s: nodes * node_s,
-        why: "contacts or contrast would cost textbook assembly too many digits".to_owned(),
+        why: "contacts or contrast would cost nodal assembly too many digits".to_owned(),
     }];
     scale(&mut stages, machine);
     stages.into_iter().next()
