@@ -181,7 +181,7 @@ fn wrong_usage_is_one_line() {
     }
 }
 
-/// Contact impedances so far from the sheet that no digit survives textbook assembly: linear elements
+/// Contact impedances so far from the sheet that no digit survives nodal assembly: linear elements
 /// have another way (`accuracy.rs`), quadratic ones fail and say so; a few decades nearer the
 /// voltages come with a warning.
 #[test]

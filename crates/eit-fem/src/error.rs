@@ -224,7 +224,7 @@ pub enum FemError {
         "the voltages of quadratic elements may have lost {expected:e} of the largest, and {required:e} \
          was required: only linear elements have the path that keeps more"
     )]
-    PlainPathOnly {
+    NodalAssemblyOnly {
         /// Expected loss relative to the largest voltage.
         expected: f64,
         /// What was asked for.

@@ -32,7 +32,7 @@ fn every_extreme_case_keeps_every_digit() {
         let mut solution = model.solve_to(&conductivity, FINEST, &mut workspace).unwrap();
         let (found, bounds) = (solution.measurements(), solution.measurement_bounds());
         let report = solution.report();
-        assert_eq!(report.path, SolvePath::Accurate);
+        assert_eq!(report.path, SolvePath::ExtendedPrecision);
         let mut worst = 0.0_f64;
         for ((v, wanted), bound) in found.iter().zip(&case.voltages).zip(bounds) {
             worst = worst.max((v - wanted).abs() / wanted.abs());
@@ -81,11 +81,11 @@ fn extreme_cases_to_eight_digits_by_the_cheapest_path() {
         );
         assert!(report.error_bound <= 1e-8, "{name}");
         let even = conductivity.iter().all(|s| *s == conductivity[0]);
-        assert!(!even || name == "sliver" || report.path != SolvePath::Accurate, "{name}");
+        assert!(!even || name == "sliver" || report.path != SolvePath::ExtendedPrecision, "{name}");
     }
 }
 
-/// An ordinary scene asks for ordinary accuracy and gets the plain path, with the same bits.
+/// An ordinary scene asks for ordinary accuracy and gets nodal assembly, with the same bits.
 #[test]
 fn the_plain_path_is_taken_where_it_suffices() {
     let protocol = PairProtocol { electrodes: 12, ..Default::default() }.protocol().unwrap();
@@ -93,12 +93,12 @@ fn the_plain_path_is_taken_where_it_suffices() {
     let conductivity = vec![1.0; model.elements()];
     let (mut one, mut two) = (model.workspace().unwrap(), model.workspace().unwrap());
     let mut wished = model.solve_to(&conductivity, 1e-9, &mut one).unwrap();
-    assert_eq!(wished.report().path, SolvePath::Plain);
+    assert_eq!(wished.report().path, SolvePath::NodalAssembly);
     assert!(wished.report().error_bound <= 1e-9);
     let plain = model.solve(&conductivity, &mut two).unwrap();
     assert_eq!(wished.measurements(), plain.measurements());
     let mut finest = model.solve_to(&conductivity, FINEST, &mut one).unwrap();
-    assert_eq!(finest.report().path, SolvePath::Accurate);
+    assert_eq!(finest.report().path, SolvePath::ExtendedPrecision);
     let change = finest.measurements() - plain.measurements();
     // condition number of this matrix about 1e4
     assert!(largest(&change) < 1e-12 * largest(&plain.measurements()));
@@ -108,7 +108,7 @@ fn the_plain_path_is_taken_where_it_suffices() {
     }
 }
 
-/// The paper's disc: what the plain path keeps there, and what the accurate one costs.
+/// The paper's disc: what nodal assembly keeps there, and what electrode elimination costs.
 #[test]
 fn the_papers_disc_keeps_twelve_digits_on_the_plain_path() {
     let skin = SkinShape::Disc { radius_m: 0.1 };
@@ -124,7 +124,7 @@ fn the_papers_disc_keeps_twelve_digits_on_the_plain_path() {
     let exact = solution.measurements();
     let (report, error) = (solution.report(), largest(&(&plain - &exact)) / largest(&exact));
     println!(
-        "{} nodes: plain path wrong by {error:.1e} of the largest voltage; accurate path {:.0} ms, \
+        "{} nodes: nodal assembly wrong by {error:.1e} of the largest voltage; electrode elimination {:.0} ms, \
          {} entries, bound {:.1e}",
         mesh.surface().nodes().len(),
         1e3 * report.time_s,
@@ -151,7 +151,7 @@ fn fields_and_jacobian_of_both_paths_agree() {
     let (mut one, mut two) = (model.workspace().unwrap(), model.workspace().unwrap());
     let mut plain = model.solve(&conductivity, &mut one).unwrap();
     let mut exact = model.solve_to(&conductivity, FINEST, &mut two).unwrap();
-    // 1e-12: rounding of the plain path, condition number about 1e4
+    // 1e-12: rounding of nodal assembly, condition number about 1e4
     let near = |a: Vec<f64>, b: Vec<f64>| {
         let worst = a.iter().zip(&b).fold(0.0_f64, |m, (x, y)| m.max((x - y).abs()));
         assert!(worst < 1e-12 * largest(&a), "{worst:e} of {:e}", largest(&a));
@@ -178,7 +178,11 @@ fn limits_of_contact_impedance_are_limits() {
             None => model.solve(&conductivity, &mut workspace).unwrap(),
             Some(accuracy) => model.solve_to(&conductivity, accuracy, &mut workspace).unwrap(),
         };
-        let path = if accuracy.is_none() { SolvePath::Stable } else { SolvePath::Accurate };
+        let path = if accuracy.is_none() {
+            SolvePath::ElectrodesEliminated
+        } else {
+            SolvePath::ExtendedPrecision
+        };
         assert_eq!(solution.report().path, path);
         assert!(solution.report().error_bound < 1e-9);
         (solution.measurements(), solution.jacobian(), solution.node_potentials())
@@ -360,7 +364,7 @@ proptest! {
         for accuracy in [FINEST, 1e-6] {
             let mut solution = model.solve_to(&conductivity, accuracy, &mut workspace).unwrap();
             let (found, bounds) = (solution.measurements(), solution.measurement_bounds());
-            let is_bound = solution.report().path != SolvePath::Plain;
+            let is_bound = solution.report().path != SolvePath::NodalAssembly;
             for ((&v, &bound), [a, b, m, n]) in found.iter().zip(&bounds).zip(quadruples) {
                 let wanted = at(m, a) - at(m, b) - at(n, a) + at(n, b);
                 let error = exact(v) - wanted;

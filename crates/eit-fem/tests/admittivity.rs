@@ -279,7 +279,7 @@ fn voltages_are_those_of_a_dense_solve_in_real_numbers() {
     }
 }
 
-/// Voltages and a directional derivative by SciPy's complex sparse LU on a textbook assembly in
+/// Voltages and a directional derivative by SciPy's complex sparse LU on a nodal assembly in
 /// NumPy (`fixtures/golden/admittivity.py`).
 #[test]
 fn voltages_and_derivative_are_those_of_scipy() {

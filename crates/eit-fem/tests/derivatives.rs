@@ -502,8 +502,8 @@ fn slide_is_the_difference_of_remeshed_skins() {
     assert!(error < 6e-3, "{error:e}");
 }
 
-/// Shunts and ideal current sources have derivatives along movements, by the accurate path's
-/// fields; with respect to their own impedance they have none.
+/// Shunts and ideal current sources have derivatives along movements, by the fields of
+/// electrode elimination; with respect to their own impedance they have none.
 #[test]
 fn movement_at_the_limits_of_contact_impedance() {
     let state = State::new();
@@ -539,7 +539,7 @@ fn movement_at_the_limits_of_contact_impedance() {
     assert_eq!(error, FemError::ContactLimit { electrode: 3, value: 0.0 });
 }
 
-/// Stiff contacts: the derivative keeps the digits that the accurate path keeps, against that path's
+/// Stiff contacts: the derivative keeps the digits that electrode elimination keeps, against that path's
 /// own differences, where the textbook matrix has lost them.
 #[test]
 fn contacts_over_sixteen_decades() {

@@ -355,7 +355,7 @@ fn what_quadratic_elements_cannot_do_is_said() {
     let plain = model.forward(&sigma).unwrap();
     assert_eq!(model.solve_to(&sigma, 1e-6, &mut workspace).unwrap().measurements(), plain);
     let error = model.solve_to(&sigma, 1e-15, &mut workspace).unwrap_err();
-    assert!(matches!(error, FemError::PlainPathOnly { required: 1e-15, .. }), "{error}");
+    assert!(matches!(error, FemError::NodalAssemblyOnly { required: 1e-15, .. }), "{error}");
 
     // a bend of 0.4 edges into a triangle turns it over
     let [a, b] = mesh.electrodes().first().map(first_edge).unwrap();

@@ -315,9 +315,9 @@ pub fn solve_json(report: &SolveReport) -> Value {
         "factor_entries": report.factor_entries,
         "field_solves": report.field_solves,
         "path": match report.path {
-            SolvePath::Plain => "plain",
-            SolvePath::Stable => "stable",
-            SolvePath::Accurate => "accurate",
+            SolvePath::NodalAssembly => "nodal-assembly",
+            SolvePath::ElectrodesEliminated => "electrodes-eliminated",
+            SolvePath::ExtendedPrecision => "extended-precision",
         },
         "backward_error": report.backward_error,
         "error_bound": report.error_bound,

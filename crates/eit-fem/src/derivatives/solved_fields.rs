@@ -10,7 +10,7 @@ pub(crate) struct SolvedFields<'a> {
     pub conductivity_s: &'a [f64],
 }
 
-/// Potentials [unknown, solve], and what the accurate path has beyond their last digit.
+/// Potentials [unknown, solve], and what extended precision has beyond their last digit.
 #[derive(Clone, Copy)]
 pub(crate) struct Potentials<'a> {
     pub values: &'a [f64],

@@ -128,7 +128,7 @@ impl Geometry {
         assembly.fill(&self.stiffness, &self.contact_values, conductivity_s, values);
     }
 
-    /// Whether a contact is a shunt or an ideal current source: not for the textbook assembly.
+    /// Whether a contact is a shunt or an ideal current source: not for nodal assembly.
     pub(crate) fn has_limits(&self) -> bool {
         self.impedance.iter().any(|z| *z == 0.0 || z.is_infinite())
     }

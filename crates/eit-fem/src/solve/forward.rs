@@ -32,9 +32,9 @@ impl ForwardModel {
 
     /// [`ForwardModel::solve`] to a required accuracy of the voltages, relative to the largest.
     ///
-    /// The cheapest path that meets it is taken: the textbook assembly where
+    /// The cheapest path that meets it is taken: nodal assembly where
     /// [`SolveReport::expected_loss`](crate::SolveReport::expected_loss) suffices; else means and
-    /// deviations on electrodes (module `solve::accurate`), first in `f64`, which contact impedances cannot
+    /// deviations on electrodes (module `solve::electrode_elimination`), first in `f64`, which contact impedances cannot
     /// spoil, then in twice the precision, for contrast and flat triangles. Both also serve shunts and
     /// ideal current sources, have a bound for every voltage, and allocate. At 2 000 nodes they cost
     /// about 50 and 200 times the first path (18 and 75 ms on a loaded machine), at 20 000 20 and 100
@@ -43,7 +43,7 @@ impl ForwardModel {
     /// # Errors
     /// Those of [`ForwardModel::solve`]; an accuracy that is not between `4 eps` and 1;
     /// [`FemError::AccuracyNotReached`]; electrodes without a node of their own; with quadratic
-    /// elements [`FemError::PlainPathOnly`] where the first path does not suffice.
+    /// elements [`FemError::NodalAssemblyOnly`] where the first path does not suffice.
     pub fn solve_to<'a>(
         &'a self,
         conductivity_s: &[f64],

@@ -4,17 +4,17 @@
 //! |---|---|
 //! | `forward` | what a [`ForwardModel`](crate::ForwardModel) is asked for |
 //! | `workspace` | memory of one solve |
-//! | `textbook` | the fast path: the assembled matrix in `f64` |
-//! | `accurate` | the path that contact impedances and contrast cannot spoil |
+//! | `nodal_assembly` | the fast path: the matrix of node and electrode potentials in `f64` |
+//! | `electrode_elimination` | the path that contact impedances and contrast cannot spoil |
 //! | `solution` | voltages, potentials and the report of one solve |
 //! | `jacobians` | derivatives of its voltages |
 
-mod accurate;
+mod electrode_elimination;
 mod forward;
 mod jacobians;
+mod nodal_assembly;
 mod report;
 mod solution;
-mod textbook;
 mod workspace;
 
 pub use report::{SolvePath, SolveReport};

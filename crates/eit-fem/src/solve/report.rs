@@ -3,12 +3,14 @@
 /// The way a forward solve took.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SolvePath {
-    /// Textbook assembly in `f64`: exact enough for ordinary scenes.
-    Plain,
+    /// The matrix of node and electrode potentials, assembled in `f64` as in textbooks: exact enough for
+    /// ordinary scenes.
+    NodalAssembly,
     /// Electrodes eliminated analytically, `f64`: contact impedances cost no digit.
-    Stable,
-    /// Electrodes eliminated analytically, twice the precision: nor do contrast and flat triangles.
-    Accurate,
+    ElectrodesEliminated,
+    /// Electrodes eliminated analytically, twice the precision of `f64`: nor do contrast and flat
+    /// triangles.
+    ExtendedPrecision,
 }
 
 /// How a forward solve went.
@@ -18,7 +20,7 @@ pub struct SolveReport {
     pub path: SolvePath,
     /// Node and electrode potentials.
     pub unknowns: usize,
-    /// Stored entries of the Cholesky factor (accurate path: 16 bytes each).
+    /// Stored entries of the Cholesky factor (in extended precision 16 bytes each).
     pub factor_entries: usize,
     /// Fields solved: the rank of the protocol's patterns.
     pub field_solves: usize,
@@ -30,16 +32,16 @@ pub struct SolveReport {
     /// conductances, which the backward error cannot see; above the true error in every reference
     /// case of `tests/reference.rs`, often far above it. Near 1 no digit is certain.
     ///
-    /// On the accurate path it is `error_bound`.
+    /// With electrodes eliminated it is `error_bound`.
     pub expected_loss: f64,
-    /// No voltage is wrong by more than this fraction of the largest one. On the accurate path a
-    /// bound from residuals and the rounding of every step, at least `eps`; on the plain path
+    /// No voltage is wrong by more than this fraction of the largest one. With electrodes eliminated a
+    /// bound from residuals and the rounding of every step, at least `eps`; by nodal assembly
     /// [`SolveReport::expected_loss`], an estimate.
     pub error_bound: f64,
-    /// No voltage is wrong by more than this fraction of itself; on the plain path an estimate.
+    /// No voltage is wrong by more than this fraction of itself; by nodal assembly an estimate.
     pub value_error_bound: f64,
     /// Relative change of the voltages per relative change of the conductances, at most: the loss
-    /// over the rounding. On the plain path the spread of the diagonal.
+    /// over the rounding. By nodal assembly the spread of the diagonal.
     pub condition: f64,
     /// Time of assembly, factorisation and fields, seconds.
     pub time_s: f64,

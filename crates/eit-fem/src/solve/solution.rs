@@ -9,9 +9,9 @@
 //!
 //! Derivatives: [`super::jacobians`].
 
-use super::accurate::{self, Accurate};
+use super::electrode_elimination::{self, Outcome};
+use super::nodal_assembly::{loss, nodal_assembly_suffices, spread};
 use super::report::{SolvePath, SolveReport};
-use super::textbook::{loss, plain_suffices, spread};
 use super::workspace::Workspace;
 use crate::derivatives::conductivity::Block;
 use crate::derivatives::solved_fields::{Potentials, SolvedFields};
@@ -31,8 +31,8 @@ pub struct Solution<'a> {
     workspace: &'a mut Workspace,
     fields_solved: bool,
     backward_error: Option<f64>,
-    /// Numbers of the accurate path, if it was taken.
-    accurate: Option<Accurate>,
+    /// What electrode elimination left, if it was needed.
+    eliminated: Option<Outcome>,
     time: Duration,
 }
 
@@ -48,19 +48,26 @@ impl<'a> Solution<'a> {
         let start = Instant::now();
         workspace.check(model)?;
         workspace.conductivity_s.copy_from_slice(conductivity_s);
-        let plain = plain_suffices(model, geometry, conductivity_s, workspace, required_accuracy)?;
-        let accurate = if plain {
+        let suffices =
+            nodal_assembly_suffices(model, geometry, conductivity_s, workspace, required_accuracy)?;
+        let eliminated = if suffices {
             None
         } else {
             let required = required_accuracy.unwrap_or(LIMIT_ACCURACY);
-            Some(accurate::solve(model, geometry, conductivity_s, workspace, required)?)
+            Some(electrode_elimination::solve(
+                model,
+                geometry,
+                conductivity_s,
+                workspace,
+                required,
+            )?)
         };
         let (fields_solved, backward_error) =
-            (accurate.is_some(), accurate.as_ref().map(|a| a.backward_error));
+            (eliminated.is_some(), eliminated.as_ref().map(|a| a.backward_error));
         let time = start.elapsed();
         let solution =
-            Self { model, geometry, workspace, fields_solved, backward_error, accurate, time };
-        if let (Some(required), Some(_)) = (required_accuracy, &solution.accurate) {
+            Self { model, geometry, workspace, fields_solved, backward_error, eliminated, time };
+        if let (Some(required), Some(_)) = (required_accuracy, &solution.eliminated) {
             let reached = solution.error_bounds().0;
             if reached > required || reached.is_nan() {
                 return Err(FemError::AccuracyNotReached { reached, required });
@@ -74,7 +81,7 @@ impl<'a> Solution<'a> {
         let count = self.model.protocol().measurements();
         let sizes = (0..count).map(|datum| self.voltage(datum).abs());
         let (least, most) = sizes.fold((f64::INFINITY, 0.0_f64), |(l, m), v| (l.min(v), m.max(v)));
-        match &self.accurate {
+        match &self.eliminated {
             None => {
                 let loss = self.expected_loss();
                 (loss, loss * most / least)
@@ -87,11 +94,11 @@ impl<'a> Solution<'a> {
         }
     }
 
-    /// Bound of the error of each voltage, volt, in protocol order: from residuals and rounding on
-    /// the accurate path, [`SolveReport::expected_loss`] of the largest voltage on the plain one.
+    /// Bound of the error of each voltage, volt, in protocol order: from residuals and rounding with
+    /// electrodes eliminated, [`SolveReport::expected_loss`] of the largest voltage by nodal assembly.
     pub fn measurement_bounds(&self) -> Array1<f64> {
         let voltages = self.measurements();
-        match &self.accurate {
+        match &self.eliminated {
             Some(a) => Array1::from(a.bounds_v.clone()),
             None => {
                 let largest = voltages.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
@@ -120,8 +127,8 @@ impl<'a> Solution<'a> {
     }
 
     fn voltage(&self, datum: usize) -> f64 {
-        if let Some(accurate) = &self.accurate {
-            return accurate.voltages_v[datum];
+        if let Some(outcome) = &self.eliminated {
+            return outcome.voltages_v[datum];
         }
         let [stimulation, pattern] = self.model.protocol().data()[datum].map(|i| i as usize);
         let electrodes = self.model.protocol().electrodes();
@@ -149,11 +156,11 @@ impl<'a> Solution<'a> {
         let stimulations = model.patterns.stimulations_a.len();
         let mut result = Array2::zeros((stimulations, model.dofs.midside_nodes.mesh_nodes()));
         for (s, mut row) in result.rows_mut().into_iter().enumerate() {
-            // the constant between the two scales: the potential of the ground electrode, on the
-            // accurate path of the skin under it
-            let ground_v = match &self.accurate {
+            // the constant between the two scales: the potential of the ground electrode, or where
+            // electrodes were eliminated, of the skin under it
+            let ground_v = match &self.eliminated {
                 None => self.workspace.electrode_potentials[(s + 1) * electrodes - 1],
-                Some(accurate) => accurate.levels_v[s],
+                Some(outcome) => outcome.levels_v[s],
             };
             let (field, factor) = model.fields.stimulations[s];
             let weights = &model.fields.combinations[field as usize];
@@ -171,7 +178,7 @@ impl<'a> Solution<'a> {
     /// elements; solves the fields if nothing has.
     pub(super) fn solved_fields(&mut self) -> (SolvedFields<'_>, &mut Block) {
         self.solve_fields();
-        let low = self.accurate.as_ref().and_then(Accurate::low);
+        let low = self.eliminated.as_ref().and_then(Outcome::low);
         let Workspace { potentials, conductivity_s, block, .. } = &mut *self.workspace;
         let solved = SolvedFields {
             model: self.model,
@@ -191,13 +198,17 @@ impl<'a> Solution<'a> {
             None => *self.backward_error.insert(self.backward_error()),
         };
         let (error_bound, value_error_bound) = self.error_bounds();
-        let (path, factor_entries, condition) = match &self.accurate {
+        let (path, factor_entries, condition) = match &self.eliminated {
             None => {
                 let entries = self.model.cholesky.factor_entries();
-                (SolvePath::Plain, entries, spread(self.model, self.workspace))
+                (SolvePath::NodalAssembly, entries, spread(self.model, self.workspace))
             }
             Some(a) => {
-                let path = if a.twice { SolvePath::Accurate } else { SolvePath::Stable };
+                let path = if a.extended {
+                    SolvePath::ExtendedPrecision
+                } else {
+                    SolvePath::ElectrodesEliminated
+                };
                 (path, a.factor_entries, a.condition)
             }
         };
@@ -232,7 +243,7 @@ impl<'a> Solution<'a> {
     }
 
     fn expected_loss(&self) -> f64 {
-        match &self.accurate {
+        match &self.eliminated {
             None => loss(self.model, self.workspace),
             Some(_) => self.error_bounds().0,
         }

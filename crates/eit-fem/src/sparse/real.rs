@@ -4,7 +4,7 @@ use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, DivAssign, Mul, Neg, Sub, SubAssign};
 
 /// The unevaluated sum of two `f64`.
-pub(crate) type Twice = faer::fx128;
+pub(crate) type DoubleDouble = faer::fx128;
 
 /// A real number of some precision.
 pub(crate) trait Real:
@@ -56,7 +56,7 @@ impl Real for f64 {
     }
 }
 
-impl Real for Twice {
+impl Real for DoubleDouble {
     const ROUNDING: f64 = f64::EPSILON * f64::EPSILON;
     const LOST: f64 = f64::EPSILON * f64::EPSILON * (1u64 << 30) as f64;
 

@@ -10,7 +10,7 @@ use faer::{Mat, Side};
 use ndarray::Array2;
 
 /// Voltages are solved to this accuracy, relative to the largest: far below any noise, and what
-/// the plain path gives on all but stiff contacts.
+/// nodal assembly gives on all but stiff contacts.
 const ACCURACY: f64 = 1e-8;
 
 /// Converged where a step in units of the standard deviations is below the root of this.

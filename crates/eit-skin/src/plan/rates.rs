@@ -25,8 +25,8 @@ pub const USUAL_DIRECTIONS: f64 = 250.0;
 pub const READ_BYTES_PER_S: f64 = 4.5e10;
 /// Solves of a bounded error, seconds a node (2 000 and 20 000 nodes): electrodes eliminated
 /// analytically in `f64`, and in twice the precision.
-pub const STABLE_NODE_S: f64 = 6e-6;
-pub const ACCURATE_NODE_S: f64 = 3.5e-5;
+pub const ELIMINATED_NODE_S: f64 = 6e-6;
+pub const EXTENDED_NODE_S: f64 = 3.5e-5;
 /// Real multiplications and additions of a complex one.
 pub const COMPLEX_FLOPS: f64 = 4.0;
 /// Meshing, seconds a node.

@@ -4,7 +4,7 @@ use super::electrodes;
 use super::machine::Machine;
 use super::measured::Measured;
 use super::rates::{
-    ACCURATE_NODE_S, COMPLEX_FLOPS, ELEMENT_S, FACTOR_FLOPS_PER_S, NODE_S, STABLE_NODE_S,
+    COMPLEX_FLOPS, ELEMENT_S, ELIMINATED_NODE_S, EXTENDED_NODE_S, FACTOR_FLOPS_PER_S, NODE_S,
     SWEEP_FLOPS_PER_S, USUAL_DIRECTIONS,
 };
 use super::sequence::Sequence;
@@ -117,9 +117,9 @@ fn mesh_stage(from_file: bool, mesh: &Mesh) -> Stage {
 /// The one solve that images are linearised at, where textbook assembly may lose too many digits.
 pub fn linearisation(skin: &Skin, path: SolvePath, machine: &Machine) -> Option<Stage> {
     let (node_s, numbers) = match path {
-        SolvePath::Plain => return None,
-        SolvePath::Stable => (STABLE_NODE_S, "f64"),
-        SolvePath::Accurate => (ACCURATE_NODE_S, "twice the precision"),
+        SolvePath::NodalAssembly => return None,
+        SolvePath::ElectrodesEliminated => (ELIMINATED_NODE_S, "f64"),
+        SolvePath::ExtendedPrecision => (EXTENDED_NODE_S, "twice the precision"),
     };
     let nodes = skin.mesh.surface().nodes().len() as f64;
     let mut stages = [Stage {
@@ -128,7 +128,7 @@ pub fn linearisation(skin: &Skin, path: SolvePath, machine: &Machine) -> Option<
         flops: 0.0,
         bytes: 0.0,
         time_s: nodes * node_s,
-        why: "contacts or contrast would cost textbook assembly too many digits".to_owned(),
+        why: "contacts or contrast would cost nodal assembly too many digits".to_owned(),
     }];
     scale(&mut stages, machine);
     stages.into_iter().next()

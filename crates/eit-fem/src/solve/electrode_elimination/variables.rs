@@ -1,4 +1,4 @@
-//! The unknowns of an accurate solve, and vectors of them.
+//! The unknowns of a solve with electrodes eliminated, and vectors of them.
 
 use super::network::{Combination, Network};
 use crate::error::FemError;

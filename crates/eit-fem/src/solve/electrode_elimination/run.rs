@@ -1,14 +1,14 @@
-//! The steps of an accurate solve.
+//! The steps of a solve with electrodes eliminated.
 
 use super::network::Network;
-use super::outcome::Accurate;
+use super::outcome::Outcome;
 use super::transfer::Transfer;
 use super::variables::{Columns, Places};
 use crate::error::FemError;
 use crate::model::{ForwardModel, Geometry};
 use crate::solve::workspace::Workspace;
 use crate::sparse::ldl::Ldl;
-use crate::sparse::real::{Real, Twice};
+use crate::sparse::real::{DoubleDouble, Real};
 
 /// Solves for checked conductivities; potentials go into the workspace. Where `f64` meets the
 /// required accuracy (relative to the largest voltage), in that, else in twice its precision.
@@ -18,11 +18,11 @@ pub(crate) fn solve(
     conductivity_s: &[f64],
     workspace: &mut Workspace,
     required_accuracy: f64,
-) -> Result<Accurate, FemError> {
+) -> Result<Outcome, FemError> {
     let found = solve_in::<f64>(model, geometry, conductivity_s, workspace);
     match found {
         Ok(found) if found.bound() <= required_accuracy => Ok(found),
-        _ => solve_in::<Twice>(model, geometry, conductivity_s, workspace),
+        _ => solve_in::<DoubleDouble>(model, geometry, conductivity_s, workspace),
     }
 }
 
@@ -31,7 +31,7 @@ fn solve_in<T: Real>(
     geometry: &Geometry,
     conductivity_s: &[f64],
     workspace: &mut Workspace,
-) -> Result<Accurate, FemError> {
+) -> Result<Outcome, FemError> {
     let scale = power_of_two_near(conductivity_s);
     let scaled: Vec<f64> = conductivity_s.iter().map(|s| s / scale).collect();
     let network = Network::<T>::new(model, geometry, &scaled, scale)?;
@@ -41,12 +41,12 @@ fn solve_in<T: Real>(
     let mut fields = Columns::unit_currents(&places, &network);
     factor.solve(&mut fields.values, fields.count);
     let transfer = Transfer::new(&network, &places, &fields);
-    let mut accurate = transfer.voltages(model, geometry, &network, scale);
-    accurate.factor_entries = factor.entries();
-    accurate.levels_v = transfer.potentials(model, geometry, &network, scale, workspace);
-    accurate.low = store_fields(model, &network, &places, &fields, scale, workspace);
-    check(model, &accurate, workspace)?;
-    Ok(accurate)
+    let mut outcome = transfer.voltages(model, geometry, &network, scale);
+    outcome.factor_entries = factor.entries();
+    outcome.levels_v = transfer.potentials(model, geometry, &network, scale, workspace);
+    outcome.low = store_fields(model, &network, &places, &fields, scale, workspace);
+    check(model, &outcome, workspace)?;
+    Ok(outcome)
 }
 
 /// A power of two within a factor of two of the largest value: scaling by it is exact.
@@ -67,8 +67,8 @@ fn store_fields<T: Real>(
 ) -> Vec<f64> {
     let basis = &model.fields.basis;
     let solves = basis.nrows();
-    let twice = T::ROUNDING < f64::EPSILON;
-    let mut low = vec![0.0; if twice { workspace.potentials.len() } else { 0 }];
+    let extended = T::ROUNDING < f64::EPSILON;
+    let mut low = vec![0.0; if extended { workspace.potentials.len() } else { 0 }];
     workspace.potentials.fill(0.0);
     let mut unit = vec![T::of(0.0); fields.count];
     for (i, node) in network.nodes.iter().enumerate() {
@@ -80,7 +80,7 @@ fn store_fields<T: Real>(
             let terms = unit.iter().zip(basis.row(r)).map(|(u, b)| *u * T::of(*b));
             let potential = terms.fold(T::of(0.0), |sum, term| sum + term);
             workspace.potentials[i * solves + r] = potential.high() / scale;
-            if twice {
+            if extended {
                 low[i * solves + r] = potential.low() / scale;
             }
         }
@@ -89,8 +89,8 @@ fn store_fields<T: Real>(
 }
 
 /// That every voltage is a number.
-fn check(model: &ForwardModel, accurate: &Accurate, workspace: &Workspace) -> Result<(), FemError> {
-    let numbers = accurate.voltages_v.iter().zip(&accurate.bounds_v);
+fn check(model: &ForwardModel, outcome: &Outcome, workspace: &Workspace) -> Result<(), FemError> {
+    let numbers = outcome.voltages_v.iter().zip(&outcome.bounds_v);
     let Some(datum) = numbers.map(|(v, b)| v + b).position(|v| !v.is_finite()) else {
         return Ok(());
     };

@@ -29,5 +29,5 @@ mod run;
 mod transfer;
 mod variables;
 
-pub(super) use outcome::Accurate;
+pub(super) use outcome::Outcome;
 pub(super) use run::solve;

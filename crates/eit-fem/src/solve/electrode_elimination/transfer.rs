@@ -1,7 +1,7 @@
 //! From the fields of unit currents to voltages, each with its bound.
 
 use super::network::Network;
-use super::outcome::Accurate;
+use super::outcome::Outcome;
 use super::variables::{Columns, Places};
 use crate::model::{ForwardModel, Geometry};
 use crate::solve::workspace::Workspace;
@@ -79,7 +79,7 @@ impl<T: Real> Transfer<T> {
         geometry: &Geometry,
         network: &Network<T>,
         scale: f64,
-    ) -> Accurate {
+    ) -> Outcome {
         let (mut voltages_v, mut bounds_v, mut condition) = (Vec::new(), Vec::new(), 0.0_f64);
         for &[s, m] in model.protocol().data() {
             let mut voltage = T::of(0.0);
@@ -107,7 +107,7 @@ impl<T: Real> Transfer<T> {
             condition = condition.max(sensitivity / scale);
         }
         let largest = voltages_v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        Accurate {
+        Outcome {
             voltages_v,
             bounds_v,
             low: Vec::new(),
@@ -115,7 +115,7 @@ impl<T: Real> Transfer<T> {
             backward_error: self.backward_error,
             condition: condition / largest,
             factor_entries: 0,
-            twice: T::ROUNDING < f64::EPSILON,
+            extended: T::ROUNDING < f64::EPSILON,
         }
     }
 

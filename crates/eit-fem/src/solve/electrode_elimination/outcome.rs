@@ -1,8 +1,8 @@
-//! What an accurate solve leaves.
+//! What a solve with electrodes eliminated leaves.
 
 /// What a solve leaves beside the potentials in the workspace.
 #[derive(Debug)]
-pub(crate) struct Accurate {
+pub(crate) struct Outcome {
     /// Voltages in protocol order.
     pub voltages_v: Vec<f64>,
     /// Bound of the error of each.
@@ -18,10 +18,10 @@ pub(crate) struct Accurate {
     /// Stored entries of the factor.
     pub factor_entries: usize,
     /// Whether numbers had twice the precision.
-    pub twice: bool,
+    pub extended: bool,
 }
 
-impl Accurate {
+impl Outcome {
     /// Largest bound over the largest voltage.
     pub fn bound(&self) -> f64 {
         let largest = |values: &[f64]| values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
@@ -30,6 +30,6 @@ impl Accurate {
 
     /// What the potentials of the workspace lack, where it is anything.
     pub fn low(&self) -> Option<&[f64]> {
-        self.twice.then_some(&self.low)
+        self.extended.then_some(&self.low)
     }
 }

@@ -1,12 +1,13 @@
-//! The textbook path: the matrix assembled in `f64`, and what that may have cost.
+//! Nodal assembly: the matrix of node and electrode potentials in `f64`, as textbooks have it, and what
+//! that may have cost.
 
 use super::workspace::Workspace;
 use crate::element::ElementOrder;
 use crate::error::FemError;
 use crate::model::{ForwardModel, Geometry};
 
-/// Takes the textbook path, if the contacts allow it, and says whether that meets the accuracy.
-pub(super) fn plain_suffices(
+/// Solves by nodal assembly, if the contacts allow it, and says whether that meets the accuracy.
+pub(super) fn nodal_assembly_suffices(
     model: &ForwardModel,
     geometry: &Geometry,
     conductivity_s: &[f64],
@@ -16,10 +17,10 @@ pub(super) fn plain_suffices(
     if geometry.has_limits() {
         return Ok(false);
     }
-    let solved = plain(model, geometry, conductivity_s, workspace);
+    let solved = assembled(model, geometry, conductivity_s, workspace);
     let Some(required) = required_accuracy else { return solved.map(|()| true) };
     if model.dofs.order == ElementOrder::Linear {
-        // whatever stops the plain path, the other one may not know
+        // what stops nodal assembly may not stop electrode elimination
         return Ok(solved.is_ok_and(|()| loss(model, workspace) <= required));
     }
     solved?;
@@ -27,12 +28,12 @@ pub(super) fn plain_suffices(
     if expected <= required {
         Ok(true)
     } else {
-        Err(FemError::PlainPathOnly { expected, required })
+        Err(FemError::NodalAssemblyOnly { expected, required })
     }
 }
 
-/// The textbook path: assembly, factorisation and electrode potentials in the workspace.
-fn plain(
+/// Assembly, factorisation and electrode potentials in the workspace.
+fn assembled(
     model: &ForwardModel,
     geometry: &Geometry,
     conductivity_s: &[f64],
