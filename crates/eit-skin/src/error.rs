@@ -1,17 +1,136 @@
 //! Errors: one line that says what, where and how to mend it.
 
+use eit_denoise::DenoiseError;
 use eit_fem::FemError;
+use eit_hw::HwError;
+use eit_inverse::InverseError;
 use eit_mesh::MeshError;
+use std::path::Path;
 
-/// Why a command stopped.
+/// Why something about a skin failed.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum SkinError {
-    /// Wrong usage or bad input: exit code 2.
+    /// An error and its place: a file, a scene, a frame.
+    #[error("{place}: {source}")]
+    Within {
+        /// Where.
+        place: String,
+        /// What.
+        source: Box<SkinError>,
+    },
+    /// A setting outside its range.
+    #[error("{key} is {value}: it must be {must}")]
+    OutOfRange {
+        /// Key of the scene.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        must: &'static str,
+    },
+    /// Two settings that cannot be together.
+    #[error("{one} and {other} exclude each other: keep one")]
+    Exclusive {
+        /// Key of the scene.
+        one: &'static str,
+        /// The other.
+        other: &'static str,
+    },
+    /// A setting that would silently have no effect.
+    #[error("{key} has no effect {because}")]
+    NoEffect {
+        /// Key of the scene.
+        key: String,
+        /// "without ..." or "with ...".
+        because: String,
+    },
+    /// A setting that is needed.
+    #[error("{key} is missing: {why} needs it")]
+    Missing {
+        /// Key of the scene.
+        key: String,
+        /// What needs it.
+        why: String,
+    },
+    /// A list of another length than the electrodes.
+    #[error("{key} has {found} values for {electrodes} electrodes: give one number or one each")]
+    WrongCount {
+        /// Key of the scene.
+        key: String,
+        /// Values that it has.
+        found: usize,
+        /// Electrodes of the skin.
+        electrodes: usize,
+    },
+    /// A frame of another length than the protocol.
+    #[error(
+        "a frame of {values} values with {flags} flags, but the protocol has {measurements} \
+         measurements"
+    )]
+    FrameLength {
+        /// Values of the frame.
+        values: usize,
+        /// Quality flags of the frame.
+        flags: usize,
+        /// Measurements of the protocol.
+        measurements: usize,
+    },
+    /// Frames that the recording does not have.
+    #[error("{what}: the recording has frames 0 to {last}")]
+    NoSuchFrame {
+        /// What asked for them.
+        what: String,
+        /// Last frame of the recording.
+        last: usize,
+    },
+    /// Arrays beyond memory.
+    #[error("{what} take {gigabytes:.0} GB: {advice}")]
+    TooLarge {
+        /// Which.
+        what: String,
+        /// Their size.
+        gigabytes: f64,
+        /// How to make them smaller.
+        advice: &'static str,
+    },
+    /// Rounding may have cost all digits of the voltages.
+    #[error(
+        "no digit of the voltages is certain: conductances on this skin span {decades:.0} decades \
+         (contact impedances times conductivity against element size, or contrast); bring them \
+         nearer to each other"
+    )]
+    NoCertainDigit {
+        /// Powers of ten between the smallest and the largest conductance.
+        decades: f64,
+    },
+    /// Noise that is needed and neither stated nor measured.
+    #[error("{who} needs the noise: state [noise] additive_v or quiet_frames")]
+    UnknownNoise {
+        /// What needs it.
+        who: &'static str,
+    },
+    /// Settings or data that do not fit together; the message names them.
     #[error("{0}")]
     Input(String),
-    /// Everything was right and it still failed: exit code 1.
+    /// Everything was right and it still failed.
     #[error("{0}")]
     Failure(String),
+    /// Of a mesh.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// Of the forward model.
+    #[error(transparent)]
+    Fem(#[from] FemError),
+    /// Of a reconstruction.
+    #[error(transparent)]
+    Inverse(#[from] InverseError),
+    /// Of an instrument or a recording.
+    #[error(transparent)]
+    Hw(#[from] HwError),
+    /// Of a U-net.
+    #[error(transparent)]
+    Denoise(#[from] DenoiseError),
 }
 
 impl SkinError {
@@ -21,72 +140,39 @@ impl SkinError {
     }
 
     /// A failure at a path.
-    pub fn at(path: &std::path::Path, error: impl std::fmt::Display) -> Self {
+    pub fn at(path: &Path, error: impl std::fmt::Display) -> Self {
         Self::Failure(format!("{}: {error}", path.display()))
-    }
-
-    /// Whether the caller's input is at fault.
-    pub fn is_input(&self) -> bool {
-        matches!(self, Self::Input(_))
     }
 
     /// The same error with the place in front.
     pub fn within(self, place: &str) -> Self {
+        Self::Within { place: place.to_owned(), source: Box::new(self) }
+    }
+
+    /// Whether the caller's input is at fault; otherwise everything was right and it still failed.
+    pub fn is_input(&self) -> bool {
         match self {
-            Self::Input(m) => Self::Input(format!("{place}: {m}")),
-            Self::Failure(m) => Self::Failure(format!("{place}: {m}")),
-        }
-    }
-}
-
-impl From<MeshError> for SkinError {
-    fn from(error: MeshError) -> Self {
-        match error {
-            MeshError::RefinementIncomplete { .. } | MeshError::Io { .. } => {
-                Self::Failure(error.to_string())
+            Self::Within { source, .. } => source.is_input(),
+            Self::Failure(_) | Self::NoCertainDigit { .. } => false,
+            Self::Mesh(error) => {
+                !matches!(error, MeshError::RefinementIncomplete { .. } | MeshError::Io { .. })
             }
-            _ => Self::Input(error.to_string()),
-        }
-    }
-}
-
-impl From<FemError> for SkinError {
-    fn from(error: FemError) -> Self {
-        match error {
-            FemError::NotPositiveDefinite { .. }
-            | FemError::PivotOutOfPhase { .. }
-            | FemError::OutOfMemory { .. } => Self::Failure(error.to_string()),
-            _ => Self::Input(error.to_string()),
-        }
-    }
-}
-
-impl From<eit_inverse::InverseError> for SkinError {
-    fn from(error: eit_inverse::InverseError) -> Self {
-        match error {
-            eit_inverse::InverseError::Factorisation { .. } => Self::Failure(error.to_string()),
-            _ => Self::Input(error.to_string()),
-        }
-    }
-}
-
-impl From<eit_denoise::DenoiseError> for SkinError {
-    fn from(error: eit_denoise::DenoiseError) -> Self {
-        match error {
-            eit_denoise::DenoiseError::Io { .. } => Self::Failure(error.to_string()),
-            _ => Self::Input(error.to_string()),
-        }
-    }
-}
-
-impl From<eit_hw::HwError> for SkinError {
-    fn from(error: eit_hw::HwError) -> Self {
-        match error {
-            eit_hw::HwError::Write { .. }
-            | eit_hw::HwError::Lost { .. }
-            | eit_hw::HwError::Overflow { .. }
-            | eit_hw::HwError::Identity { .. } => Self::Failure(error.to_string()),
-            _ => Self::Input(error.to_string()),
+            Self::Fem(error) => !matches!(
+                error,
+                FemError::NotPositiveDefinite { .. }
+                    | FemError::PivotOutOfPhase { .. }
+                    | FemError::OutOfMemory { .. }
+            ),
+            Self::Inverse(error) => !matches!(error, InverseError::Factorisation { .. }),
+            Self::Denoise(error) => !matches!(error, DenoiseError::Io { .. }),
+            Self::Hw(error) => !matches!(
+                error,
+                HwError::Write { .. }
+                    | HwError::Lost { .. }
+                    | HwError::Overflow { .. }
+                    | HwError::Identity { .. }
+            ),
+            _ => true,
         }
     }
 }

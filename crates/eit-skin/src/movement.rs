@@ -137,10 +137,7 @@ impl FittedFrames {
             ));
         }
         let Some(noise) = self.noise()? else {
-            return Err(SkinError::input(
-                "reconstruction.electrode_movement_m needs the noise: state [noise] additive_v or \
-                 quiet_frames",
-            ));
+            return Err(SkinError::UnknownNoise { who: "reconstruction.electrode_movement_m" });
         };
         let (noise, before) = match method.is_tv() {
             true => (noise, None),

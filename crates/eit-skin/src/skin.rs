@@ -364,12 +364,8 @@ pub fn rounding_warning(report: &SolveReport) -> Result<Option<String>, SkinErro
 /// [`rounding_warning`] of an expected loss.
 pub(crate) fn warning_of_loss(loss: f64) -> Result<Option<String>, SkinError> {
     if loss.is_nan() || loss > REFUSE_LOSS {
-        return Err(SkinError::Failure(format!(
-            "no digit of the voltages is certain: conductances on this skin span {:.0} decades \
-             (contact impedances times conductivity against element size, or contrast); bring them \
-             nearer to each other",
-            (loss / (1000.0 * f64::EPSILON)).log10()
-        )));
+        let decades = (loss / (1000.0 * f64::EPSILON)).log10();
+        return Err(SkinError::NoCertainDigit { decades });
     }
     Ok((loss > WARN_LOSS).then(|| {
         format!(
@@ -386,12 +382,11 @@ pub(crate) fn warning_of_loss(loss: f64) -> Result<Option<String>, SkinError> {
 pub fn check_images(count: usize, raster: &Raster) -> Result<(), SkinError> {
     let bytes = 8.0 * count as f64 * (raster.pixels() as f64).powi(2);
     if bytes > MOST_BYTES {
-        return Err(SkinError::input(format!(
-            "{count} images of {0} x {0} pixels take {1:.0} GB: use fewer [reconstruction] \
-             pixels or fewer frames",
-            raster.pixels(),
-            1e-9 * bytes
-        )));
+        return Err(SkinError::TooLarge {
+            what: format!("{count} images of {0} x {0} pixels", raster.pixels()),
+            gigabytes: 1e-9 * bytes,
+            advice: "use fewer [reconstruction] pixels or fewer frames",
+        });
     }
     Ok(())
 }

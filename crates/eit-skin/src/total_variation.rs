@@ -153,9 +153,7 @@ fn reconstruct(
     let raster = &skin.raster(progress)?.clone();
     let known = fitted.noise()?;
     if known.is_none() && matches!(keys.delta, Some(Delta::Rule(_))) {
-        return Err(SkinError::input(
-            "delta = \"noise\" needs the noise: state [noise] additive_v or quiet_frames",
-        ));
+        return Err(SkinError::UnknownNoise { who: "delta = \"noise\"" });
     }
     let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
     let set_up = |method: Method, noise: Option<&DataNoise>| {

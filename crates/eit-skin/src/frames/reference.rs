@@ -54,8 +54,7 @@ pub fn take(skin: &Skin, loaded: &Loaded, given: Option<&Reference>) -> Result<T
     }
     if range.end > count {
         let last = count - 1;
-        let message = format!("reference {words}: the recording has frames 0 to {last}");
-        return Err(SkinError::input(message));
+        return Err(SkinError::NoSuchFrame { what: format!("reference {words}"), last });
     }
     let touched = range == (0..count);
     let (values, good) = loaded.frames.mean_of(range.clone());

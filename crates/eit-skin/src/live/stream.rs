@@ -110,11 +110,11 @@ impl LiveStream {
     ) -> Result<Pushed<'a>, SkinError> {
         let wanted = self.model.skin().protocol.measurements();
         if frame.values.len() != wanted || frame.quality.len() != wanted {
-            return Err(SkinError::input(format!(
-                "a frame of {} values with {} flags, but the protocol has {wanted} measurements",
-                frame.values.len(),
-                frame.quality.len()
-            )));
+            return Err(SkinError::FrameLength {
+                values: frame.values.len(),
+                flags: frame.quality.len(),
+                measurements: wanted,
+            });
         }
         if self.epoch.is_none() {
             self.reference.push(frame.clone());

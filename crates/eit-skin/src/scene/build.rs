@@ -179,10 +179,10 @@ impl Scene {
             None => Ok(vec![0.0; electrodes]),
             Some(OneOrMany::One(value)) => Ok(vec![*value; electrodes]),
             Some(OneOrMany::Many(values)) if values.len() == electrodes => Ok(values.clone()),
-            Some(OneOrMany::Many(values)) => Err(self.error(format!(
-                "{key} has {} values for {electrodes} electrodes: give one number or one each",
-                values.len()
-            ))),
+            Some(OneOrMany::Many(values)) => {
+                let (key, found) = (key.to_owned(), values.len());
+                Err(SkinError::WrongCount { key, found, electrodes }.within(&self.place))
+            }
         }
     }
 
@@ -220,7 +220,9 @@ impl Scene {
     }
 
     pub(crate) fn needed<T>(&self, value: Option<T>, key: &str, why: &str) -> Result<T, SkinError> {
-        value.ok_or_else(|| self.error(format!("{key} is missing: {why} needs it")))
+        value.ok_or_else(|| {
+            SkinError::Missing { key: key.to_owned(), why: why.to_owned() }.within(&self.place)
+        })
     }
 
     pub(crate) fn error(&self, message: String) -> SkinError {

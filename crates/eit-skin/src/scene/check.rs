@@ -101,13 +101,13 @@ impl Scene {
         ];
         for (key, value) in positive {
             if let Some(value) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
-                let message = format!("{key} is {value}: it must be finite and above zero");
-                return Err(SkinError::input(message));
+                let must = "finite and above zero";
+                return Err(SkinError::OutOfRange { key, value, must });
             }
         }
         if let Some(scale) = self.recording.scale.filter(|s| !s.is_finite() || *s == 0.0) {
-            let message = format!("recording.scale is {scale}: it must be finite and not zero");
-            return Err(SkinError::input(message));
+            let (key, must) = ("recording.scale", "finite and not zero");
+            return Err(SkinError::OutOfRange { key, value: scale, must });
         }
         if let Some(RequiredAccuracyKey::Relative(value)) = self.mesh.required_accuracy
             && !(value > 0.0 && value < 1.0)
@@ -136,8 +136,8 @@ impl Scene {
             [("reconstruction.lambda_time", image.lambda_time), ("reconstruction.delta", delta)]
         {
             if let Some(value) = value.filter(|v| !(v.is_finite() && *v >= 0.0)) {
-                let message = format!("{key} is {value}: it must be finite and not below zero");
-                return Err(SkinError::input(message));
+                let must = "finite and not below zero";
+                return Err(SkinError::OutOfRange { key, value, must });
             }
         }
         if let Some(gap) = image.target_gap.filter(|gap| *gap >= 1.0) {
@@ -183,8 +183,8 @@ impl Scene {
         let ignored = if method.is_tv() { of_others.next() } else { of_tv.next() };
         let ignored = ignored.or(image.bounds().next().filter(|_| !bounded));
         if let Some(key) = ignored {
-            let message = format!("{key} has no effect with method = \"{name}\"");
-            return Err(SkinError::input(message));
+            let because = format!("with method = \"{name}\"");
+            return Err(SkinError::NoEffect { key: key.to_owned(), because });
         }
         if method == Method::Tv && image.lambda_time.is_some_and(|weight| weight != 0.0) {
             return Err(SkinError::input(
@@ -243,8 +243,7 @@ impl Scene {
             (file, angle),
         ];
         if let Some(((one, _), (other, _))) = exclusive.iter().find(|(a, b)| a.1 && b.1) {
-            let message = format!("{one} and {other} exclude each other: keep one");
-            return Err(SkinError::input(message));
+            return Err(SkinError::Exclusive { one, other });
         }
         let figure_rule =
             matches!(image.hyperparameter, None | Some(Hyperparameter::Rule(Rule::NoiseFigure)));
@@ -292,7 +291,8 @@ impl Scene {
         match needs.iter().find(|(a, b)| a.1 && !b.1) {
             None => Ok(()),
             Some(((key, _), (other, _))) => {
-                Err(SkinError::input(format!("{key} has no effect without {other}")))
+                let because = format!("without {other}");
+                Err(SkinError::NoEffect { key: (*key).to_owned(), because })
             }
         }
     }

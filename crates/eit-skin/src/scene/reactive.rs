@@ -88,8 +88,8 @@ impl Scene {
             .chain(self.protocol.frequency_hz.map(|f| ("protocol.frequency_hz", f)));
         for (key, value) in values {
             if !(value.is_finite() && value >= 0.0) {
-                let message = format!("{key} is {value}: it must be finite and not below zero");
-                return Err(SkinError::input(message));
+                let must = "finite and not below zero";
+                return Err(SkinError::OutOfRange { key, value, must });
             }
         }
         if self.is_reactive() && self.mesh.required_accuracy.is_some() {
