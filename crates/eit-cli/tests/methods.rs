@@ -119,7 +119,7 @@ fn distance([a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
 #[test]
 fn every_method_finds_the_finger() {
     let fixture = fixture();
-    let scene = fixture.scene("[reconstruction]\npixels = 24\n[noise]\nquiet_frames = [0, 7]\n");
+    let scene = fixture.scene("[reconstruction]\npixels = 24\n[noise]\nquiet_frames = \"0..8\"\n");
     for method in METHODS {
         let reference = ["--method", method, "--reference", "0..8"];
         let (images, report) = fixture.run(&scene, &reference);
@@ -380,7 +380,7 @@ fn unknown_methods_list_the_names() {
     let found = refuse(&["plan", text(&fixture.scene("[reconstruction]\nmethod = \"TV\"\n"))]);
     assert!(found.contains("reconstruction.method = \"TV\"") && found.contains("\"kalman\""));
     // quiet frames that the recording has not
-    let scene = fixture.scene("[noise]\nquiet_frames = [0, 99]\n");
+    let scene = fixture.scene("[noise]\nquiet_frames = \"0..100\"\n");
     let found = refuse(&[&["reconstruct", text(&scene)], &arguments[..]].concat());
     assert!(found.contains("quiet_frames") && found.contains("0 to 11"), "{found}");
 }

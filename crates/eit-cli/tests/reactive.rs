@@ -24,7 +24,7 @@ fn with(skin: &str, electrodes: &str, protocol: &str) -> String {
 /// [`SMALL`] with a sheet capacitance at a frequency at which `2 pi f c = sigma`, 45 degrees.
 fn capacitive(electrodes: &str) -> String {
     let frequency_hz = 1e-5 / (std::f64::consts::TAU * 1e-10);
-    with("permittivity_f = 1e-10", electrodes, &format!("frequency_hz = {frequency_hz:e}"))
+    with("sheet_capacitance_f = 1e-10", electrodes, &format!("frequency_hz = {frequency_hz:e}"))
 }
 
 /// Contacts of the phase of [`capacitive`]: 1e3 ohm metre beside `1 / (2 pi f c) = 1e3`.
@@ -89,7 +89,7 @@ fn a_strip_has_its_closed_form() {
     std::fs::write(folder.path().join("q.csv"), "0,1,0,1\n").unwrap();
     let content = format!(
         "[skin]\nshape = \"rectangle\"\nwidth_m = {length}\nheight_m = {width}\nconductivity_s = \
-         {sigma:e}\npermittivity_f = {c:e}\n[electrodes]\npositions_m = [[-0.15, 0.0], [0.15, \
+         {sigma:e}\nsheet_capacitance_f = {c:e}\n[electrodes]\npositions_m = [[-0.15, 0.0], [0.15, \
          0.0]]\nwidth_m = {width}\ncontact_impedance_ohm_m = {r:e}\ncontact_capacitance_f_per_m = \
          {capacitances:?}\n[protocol]\nquadruples_file = \"q.csv\"\ndriven_electrodes = \
          \"keep\"\ncurrent_a = {current:e}\nfrequency_hz = {frequency_hz:e}\n[mesh]\nedge_m = 0.01\n"
@@ -198,8 +198,8 @@ fn without_capacitance_or_frequency_results_are_the_real_ones_to_the_bit() {
         std::fs::read(made(folder.path(), command, content, out)).unwrap()
     };
     let still = [
-        with("permittivity_f = 1e-10", "", "frequency_hz = 0.0"),
-        with("permittivity_f = 0.0", "", "frequency_hz = 1e6"),
+        with("sheet_capacitance_f = 1e-10", "", "frequency_hz = 0.0"),
+        with("sheet_capacitance_f = 0.0", "", "frequency_hz = 1e6"),
         with("", "contact_capacitance_f_per_m = [0, 0, 0, 0, 0, 0, 0, 0]", "frequency_hz = 1e6"),
     ];
     for (command, out) in [("forward", "v.npy"), ("forward", "v.csv"), ("jacobian", "j.npy")] {
@@ -265,13 +265,21 @@ fn keys_are_checked() {
     let refused = |content: &str| refuse(&["plan", text(&write_scene(folder.path(), content))]);
     let content = capacitive("");
     for (told, from, to) in [
-        ("skin.permittivity_f is -1", "permittivity_f = 1e-10", "permittivity_f = -1.0"),
-        ("skin.permittivity_f is inf", "permittivity_f = 1e-10", "permittivity_f = inf"),
-        ("protocol.frequency_hz is NaN", "frequency_hz = ", "frequency_hz = nan #"),
-        ("permittivity_f has no effect without protocol.frequency_hz", "frequency_hz", "#"),
         (
-            "frequency_hz has no effect without skin.permittivity_f or electrodes.contact_",
-            "permittivity_f",
+            "skin.sheet_capacitance_f is -1",
+            "sheet_capacitance_f = 1e-10",
+            "sheet_capacitance_f = -1.0",
+        ),
+        (
+            "skin.sheet_capacitance_f is inf",
+            "sheet_capacitance_f = 1e-10",
+            "sheet_capacitance_f = inf",
+        ),
+        ("protocol.frequency_hz is NaN", "frequency_hz = ", "frequency_hz = nan #"),
+        ("sheet_capacitance_f has no effect without protocol.frequency_hz", "frequency_hz", "#"),
+        (
+            "frequency_hz has no effect without skin.sheet_capacitance_f or electrodes.contact_",
+            "sheet_capacitance_f",
             "#",
         ),
         (
@@ -287,7 +295,7 @@ fn keys_are_checked() {
         ("contact_impedance_ohm_m is 0 at electrode 1", "_ohm_m = 1e3", "_ohm_m = 0.0"),
         ("contact_impedance_ohm_m is inf at electrode 1", "_ohm_m = 1e3", "_ohm_m = inf"),
         ("mesh.elements is \"quadratic\"", "[mesh]", "[mesh]\nelements = \"quadratic\""),
-        ("did you mean", "permittivity_f", "permitivity_f"),
+        ("did you mean", "sheet_capacitance_f", "permitivity_f"),
     ] {
         assert!(content.contains(from), "{from}");
         let found = refused(&content.replace(from, to));

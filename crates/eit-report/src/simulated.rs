@@ -203,7 +203,7 @@ impl Made<'_> {
         let mut noise = toml::Table::new();
         if quiet >= 3 {
             recording.insert("reference".to_owned(), format!("0..{quiet}").into());
-            noise.insert("quiet_frames".to_owned(), vec![0, quiet - 1].into());
+            noise.insert("quiet_frames".to_owned(), format!("0..{quiet}").into());
         } else {
             recording.insert("reference".to_owned(), 0.into());
         }

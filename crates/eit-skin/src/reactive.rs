@@ -52,7 +52,7 @@ impl ReactiveSkin {
             frequency_hz: scene.frequency_hz(),
             notes: choice.notes,
             from_file: source.is_file(),
-            capacitance_f: scene.skin.permittivity_f.unwrap_or(0.0),
+            capacitance_f: scene.skin.sheet_capacitance_f.unwrap_or(0.0),
         })
     }
 

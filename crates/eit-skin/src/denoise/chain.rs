@@ -6,7 +6,7 @@ use crate::frames::Frames;
 use crate::linearised::LinearisedSkin;
 use crate::method::{self, Method};
 use crate::progress::Progress;
-use crate::scene::{FrameSettings, NoiseSettings, Pair, Reference};
+use crate::scene::{FrameSettings, NoiseSettings, Reference};
 use crate::skin::Skin;
 use ndarray::{Array2, Array3};
 use std::sync::Arc;
@@ -58,7 +58,7 @@ impl Chain {
                 ..Default::default()
             };
             skin.settings.noise =
-                NoiseSettings { quiet_frames: Some(Pair([0, quiet - 1])), additive_v: None };
+                NoiseSettings { quiet_frames: Some((0..quiet).into()), additive_v: None };
         }
         let method = method::choose(&skin.settings, method, lengths.map(|l| l.frames))?.method;
         if !(method.is_tv() || method == Method::GaussNewton) {

@@ -27,7 +27,7 @@ pub fn find(
     used: &[bool],
     notes: &mut Vec<String>,
 ) -> Result<Option<QuietFrames>, SkinError> {
-    let Some([first, last]) = skin.settings.noise.quiet_frames.map(|frames| frames.0) else {
+    let Some(range) = skin.settings.noise.quiet_frames else {
         let frames = &reference.frames;
         let values = clean(&frames.values, &frames.quality, 0..frames.values.nrows(), used);
         let source = format!("the reference frames ({})", reference.source);
@@ -35,27 +35,27 @@ pub fn find(
         return Ok(enough.then_some(QuietFrames { values, source }));
     };
     let count = recording.values.nrows();
-    if last >= count {
-        let message = format!(
-            "noise.quiet_frames = [{first}, {last}]: the recording has frames 0 to {}",
-            count - 1
-        );
-        return Err(SkinError::input(message).within(&skin.place));
+    if range.end > count {
+        let what = format!("noise.quiet_frames = \"{range}\"");
+        return Err(SkinError::NoSuchFrame { what, last: count - 1 }.within(&skin.place));
     }
-    let values = clean(&recording.values, &recording.quality, first..last + 1, used);
+    let values = clean(&recording.values, &recording.quality, range.start..range.end, used);
     let found = values.nrows();
     if found < LEAST_FRAMES {
         return Err(SkinError::input(format!(
-            "noise.quiet_frames = [{first}, {last}]: {found} of them are without bad values; the \
+            "noise.quiet_frames = \"{range}\": {found} of them are without bad values; the \
              noise is measured on {LEAST_FRAMES} or more"
         ))
         .within(&skin.place));
     }
-    let left_out = last + 1 - first - found;
+    let left_out = range.count() - found;
     if left_out > 0 {
         notes.push(format!("{left_out} quiet frames with bad values passed over"));
     }
-    Ok(Some(QuietFrames { values, source: format!("quiet frames {first} to {last}") }))
+    Ok(Some(QuietFrames {
+        values,
+        source: format!("quiet frames {} to {}", range.start, range.end - 1),
+    }))
 }
 
 /// The frames of a range whose used values are all good.

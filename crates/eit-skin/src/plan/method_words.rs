@@ -35,10 +35,12 @@ pub fn of(skin: &Skin, method: Method, sequence: Sequence) -> Vec<String> {
 }
 
 fn noise(skin: &Skin) -> String {
-    match (skin.settings.noise.additive_v, skin.settings.noise.quiet_frames.map(|frames| frames.0))
-    {
+    match (skin.settings.noise.additive_v, skin.settings.noise.quiet_frames) {
         (Some(additive_v), _) => format!("noise: {additive_v:e} V in a voltage, from the scene"),
-        (_, Some([first, last])) => format!("noise: measured on quiet frames {first} to {last}"),
+        (_, Some(range)) => {
+            let last = range.end.saturating_sub(1);
+            format!("noise: measured on quiet frames {} to {last}", range.start)
+        }
         _ => "noise: measured on the reference frames where they are several, else the error of \
               the model alone"
             .to_owned(),

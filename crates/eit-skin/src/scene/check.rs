@@ -154,12 +154,10 @@ impl Scene {
                  between them or on one of them"
             )));
         }
-        if let Some([first, last]) = self.noise.quiet_frames.map(|frames| frames.0)
-            && last < first.saturating_add(2)
-        {
+        if let Some(frames) = self.noise.quiet_frames.filter(|frames| frames.count() < 3) {
             return Err(SkinError::input(format!(
-                "noise.quiet_frames = [{first}, {last}]: first and last frame; the noise is \
-                 measured on three or more"
+                "noise.quiet_frames = \"{frames}\": frames N to M - 1; the noise is measured on three \
+                 or more"
             )));
         }
         Ok(())
@@ -249,10 +247,10 @@ impl Scene {
             matches!(image.hyperparameter, None | Some(Hyperparameter::Rule(Rule::NoiseFigure)));
         let smooth = matches!(image.prior, None | Some(PriorKind::Laplace | PriorKind::Gaussian));
         let capacitance =
-            skin.permittivity_f.is_some() || electrodes.contact_capacitance_f_per_m.is_some();
+            skin.sheet_capacitance_f.is_some() || electrodes.contact_capacitance_f_per_m.is_some();
         let frequency = ("protocol.frequency_hz", protocol.frequency_hz.is_some());
         let needs = [
-            (("skin.permittivity_f", skin.permittivity_f.is_some()), frequency),
+            (("skin.sheet_capacitance_f", skin.sheet_capacitance_f.is_some()), frequency),
             (
                 (
                     "electrodes.contact_capacitance_f_per_m",
@@ -262,7 +260,7 @@ impl Scene {
             ),
             (
                 frequency,
-                ("skin.permittivity_f or electrodes.contact_capacitance_f_per_m", capacitance),
+                ("skin.sheet_capacitance_f or electrodes.contact_capacitance_f_per_m", capacitance),
             ),
             (
                 ("protocol.measurement_file", protocol.measurement_file.is_some()),

@@ -12,6 +12,7 @@ mod mesh;
 mod mesh_choice;
 mod parse;
 mod protocol;
+mod range;
 mod reactive;
 mod reconstruction;
 mod series;
@@ -23,6 +24,7 @@ pub use instrument::{DriverKind, Instrument, InstrumentSettings};
 pub use mesh::{BuiltMesh, ElectrodeSource, MeshSource};
 pub use mesh_choice::{Accuracy, MeshChoice, element_words};
 pub use parse::from_toml;
+pub use range::FrameRange;
 pub use reconstruction::{
     Delta, DeltaRule, DifferenceKey, Hyperparameter, PriorKind, ReconstructionSettings, Rule,
 };
@@ -104,7 +106,7 @@ pub struct SkinSettings {
     /// Of the untouched sheet, siemens per square.
     pub conductivity_s: f64,
     /// Capacitance of the sheet, farad per square.
-    pub permittivity_f: Option<f64>,
+    pub sheet_capacitance_f: Option<f64>,
 }
 
 impl SkinSettings {
@@ -119,7 +121,7 @@ impl SkinSettings {
             file: None,
             scale_m: None,
             conductivity_s,
-            permittivity_f: None,
+            sheet_capacitance_f: None,
         }
     }
 
@@ -464,9 +466,7 @@ pub enum Reference {
 impl Reference {
     /// Whether a text names a file, not frames.
     pub(crate) fn is_file(text: &str) -> bool {
-        let is_range = text
-            .split_once("..")
-            .is_some_and(|(from, to)| from.parse::<usize>().is_ok() && to.parse::<usize>().is_ok());
+        let is_range = text.parse::<FrameRange>().is_ok();
         text != "mean" && !is_range && text.parse::<usize>().is_err()
     }
 }
@@ -477,8 +477,8 @@ impl Reference {
 pub struct NoiseSettings {
     /// Standard deviation of a voltage, volt.
     pub additive_v: Option<f64>,
-    /// First and last frame of a part of the recording during which nothing touched the skin.
-    pub quiet_frames: Option<Pair<usize>>,
+    /// Frames of the recording during which nothing touched the skin, as "0..20".
+    pub quiet_frames: Option<FrameRange>,
 }
 
 /// `[touch]`

@@ -18,6 +18,9 @@ pub fn from_toml<T: DeserializeOwned>(text: &str, place: &str) -> Result<T, Skin
     })
 }
 
+/// Keys of earlier versions and what they are called now.
+const RENAMED: [(&str, &str); 1] = [("permittivity_f", "sheet_capacitance_f")];
+
 /// Names the nearest known key where a key is unknown; other messages are folded to one line.
 fn explain(message: &str) -> String {
     let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
@@ -28,6 +31,9 @@ fn explain(message: &str) -> String {
     }
     let what = if is_key { "key" } else { "value" };
     let unknown = quoted[0];
+    if let Some((old, new)) = RENAMED.into_iter().find(|(old, _)| is_key && *old == unknown) {
+        return format!("the key \"{old}\" is called \"{new}\" now");
+    }
     let nearest = known
         .iter()
         .map(|k| (strsim::damerau_levenshtein(unknown, k), k))
@@ -56,6 +62,36 @@ mod tests {
         assert_eq!(found, "s.toml: line 2: unknown value \"disk\": did you mean \"disc\"?");
         let found = error("[skinn]\n");
         assert!(found.contains("did you mean \"skin\"?"), "{found}");
+    }
+
+    #[test]
+    fn keys_of_earlier_versions_are_refused_with_their_new_name() {
+        let found = error("[skin]\nshape = \"disc\"\npermittivity_f = 1\n");
+        let wanted = "the key \"permittivity_f\" is called \"sheet_capacitance_f\" now";
+        assert!(found.ends_with(wanted), "{found}");
+        let found = error(
+            "[skin]\nshape = \"disc\"\nconductivity_s = 1\n[noise]\nquiet_frames = [0, 19]\n",
+        );
+        assert!(found.contains("[0, 19] is written \"0..20\" now"), "{found}");
+    }
+
+    /// A scene that was read, and one that was built in code, say the same as TOML.
+    #[test]
+    fn scenes_are_written_and_read_back() {
+        for name in super::super::BUILT_IN {
+            let scene = Scene::load(name).unwrap();
+            assert_eq!(scene.to_toml().unwrap(), Scene::text(name).unwrap());
+            let mut changed = scene.clone();
+            changed.noise.quiet_frames = Some((0..20).into());
+            let text = changed.to_toml().unwrap();
+            let again = parse(&text, name).unwrap();
+            assert_eq!(again.noise, changed.noise, "{text}");
+            assert_eq!(again.skin, scene.skin, "{text}");
+            assert_eq!(again.electrodes, scene.electrodes, "{text}");
+            assert_eq!(again.protocol, scene.protocol, "{text}");
+            // what a net belongs to does not depend on other sections
+            assert_eq!(scene.skin_fingerprint().unwrap().len(), 8);
+        }
     }
 
     #[test]

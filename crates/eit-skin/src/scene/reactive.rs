@@ -11,13 +11,13 @@ impl Scene {
     /// complex is built or computed.
     pub fn is_reactive(&self) -> bool {
         let mut capacitances =
-            self.skin.permittivity_f.into_iter().chain(self.contact_capacitances());
+            self.skin.sheet_capacitance_f.into_iter().chain(self.contact_capacitances());
         self.frequency_hz() > 0.0 && capacitances.any(|c| c > 0.0)
     }
 
     /// Why nothing of the scene is complex; for scenes of which [`Scene::is_reactive`] is false.
     pub fn why_real(&self) -> &'static str {
-        let keys = (&self.skin.permittivity_f, &self.electrodes.contact_capacitance_f_per_m);
+        let keys = (&self.skin.sheet_capacitance_f, &self.electrodes.contact_capacitance_f_per_m);
         match keys {
             (None, None) => "the scene has no reactive part",
             _ => "the capacitances or the frequency are zero: no current flows through them",
@@ -31,7 +31,11 @@ impl Scene {
 
     /// Admittivity of a sheet of this conductivity and the scene's permittivity, siemens per square.
     pub fn admittivity_of(&self, conductivity_s: f64) -> Complex64 {
-        admittivity(conductivity_s, self.skin.permittivity_f.unwrap_or(0.0), self.frequency_hz())
+        admittivity(
+            conductivity_s,
+            self.skin.sheet_capacitance_f.unwrap_or(0.0),
+            self.frequency_hz(),
+        )
     }
 
     /// Contact impedance of each electrode: resistance and capacitance in parallel.
@@ -73,7 +77,7 @@ impl Scene {
             return Ok(());
         }
         Err(self.error(format!(
-            "the scene stores charge at {} Hz (permittivity_f, contact_capacitance_f_per_m): only \
+            "the scene stores charge at {} Hz (sheet_capacitance_f, contact_capacitance_f_per_m): only \
              `eit forward`, `eit jacobian`, `eit plan` and `eit mesh` know complex admittivity; for \
              this command take protocol.frequency_hz and the capacitances out",
             self.frequency_hz()
@@ -84,7 +88,7 @@ impl Scene {
     pub fn check_reactive(&self) -> Result<(), SkinError> {
         let values = self.contact_capacitances().map(|c| (CONTACT, c));
         let values = values
-            .chain(self.skin.permittivity_f.map(|c| ("skin.permittivity_f", c)))
+            .chain(self.skin.sheet_capacitance_f.map(|c| ("skin.sheet_capacitance_f", c)))
             .chain(self.protocol.frequency_hz.map(|f| ("protocol.frequency_hz", f)));
         for (key, value) in values {
             if !(value.is_finite() && value >= 0.0) {

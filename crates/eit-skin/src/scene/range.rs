@@ -1,0 +1,79 @@
+//! Frames of a recording, written "N..M".
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::ops::Range;
+use std::str::FromStr;
+
+/// Frames N to M - 1, from 0; in a scene the text "N..M".
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(try_from = "RangeKey", into = "String")]
+pub struct FrameRange {
+    /// First frame.
+    pub start: usize,
+    /// The frame after the last.
+    pub end: usize,
+}
+
+impl FrameRange {
+    /// Number of frames.
+    pub fn count(self) -> usize {
+        self.end.saturating_sub(self.start)
+    }
+}
+
+impl From<Range<usize>> for FrameRange {
+    fn from(Range { start, end }: Range<usize>) -> Self {
+        Self { start, end }
+    }
+}
+
+impl fmt::Display for FrameRange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}..{}", self.start, self.end)
+    }
+}
+
+impl From<FrameRange> for String {
+    fn from(range: FrameRange) -> Self {
+        range.to_string()
+    }
+}
+
+impl FromStr for FrameRange {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once("..");
+        let numbers = parts.and_then(|(start, end)| {
+            Some(Self { start: start.trim().parse().ok()?, end: end.trim().parse().ok()? })
+        });
+        numbers.ok_or_else(|| format!("\"{text}\" is no range of frames: write \"N..M\""))
+    }
+}
+
+/// As a scene may have it: the text, or the list that older scenes have.
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "frames N to M - 1 as \"N..M\"")]
+enum RangeKey {
+    Text(String),
+    List(Vec<usize>),
+}
+
+impl TryFrom<RangeKey> for FrameRange {
+    type Error = String;
+
+    fn try_from(key: RangeKey) -> Result<Self, String> {
+        match key {
+            RangeKey::Text(text) => text.parse(),
+            // first and last, both included
+            RangeKey::List(list) => match list[..] {
+                [first, last] => Err(format!(
+                    "[{first}, {last}] is written \"{first}..{}\" now: frames N to M - 1 as \"N..M\"",
+                    last.saturating_add(1)
+                )),
+                _ => Err("frames N to M - 1 are written \"N..M\"".to_owned()),
+            },
+        }
+    }
+}
