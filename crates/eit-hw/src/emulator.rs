@@ -105,8 +105,34 @@ impl Emulator {
     pub fn stop(&mut self) {
         self.quit.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
+            #[cfg(all(unix, feature = "serial"))]
+            self.drain(&thread);
             // it does not panic unless the caller's source of values does
             let _ = thread.join();
+        }
+    }
+}
+
+#[cfg(all(unix, feature = "serial"))]
+impl Emulator {
+    /// A pseudo-terminal whose host has gone blocks its writer for ever: what waits in it is read and
+    /// dropped until the thread has seen that it is to end.
+    fn drain(&self, thread: &JoinHandle<()>) {
+        let Endpoint::Serial { path, .. } = &self.endpoint else { return };
+        // it looks every 2 ms; only a blocked one is still there then
+        let patience = Duration::from_millis(50);
+        let start = Instant::now();
+        while !thread.is_finished() && start.elapsed() < patience {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        let mut dropped = [0; 4096];
+        while !thread.is_finished() {
+            let opened = serialport::new(path, 115_200).timeout(patience).open_native();
+            let Ok(mut host) = opened else {
+                std::thread::sleep(patience);
+                continue;
+            };
+            while !thread.is_finished() && std::io::Read::read(&mut host, &mut dropped).is_ok() {}
         }
     }
 }

@@ -584,3 +584,39 @@ fn a_live_instrument_is_recorded_and_read_like_a_file() {
     }
     assert_eq!(frames.unit, Unit::Volt);
 }
+
+/// A host that goes away in the middle of a frame leaves a terminal that nobody reads: its writer
+/// blocks, and the emulator ends all the same.
+#[cfg(unix)]
+#[test]
+fn an_emulator_ends_although_nobody_reads_its_terminal() {
+    use std::io::{Read, Write};
+    struct Chatter;
+    impl eit_hw::emulator::Device for Chatter {
+        fn receive(&mut self, _: &[u8], _: Duration, _: &mut Vec<u8>) {}
+        fn poll(&mut self, _: Duration, out: &mut Vec<u8>) {
+            out.extend([0x55; 65_536]);
+        }
+        fn power_cycle(&mut self) {}
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("skin");
+    let listen = Listen::PseudoTerminal(path.clone());
+    let mut emulator = Emulator::start(Box::new(Chatter), &listen, FaultPlan::default()).unwrap();
+    let mut host = serialport::new(path.display().to_string(), 115_200)
+        .timeout(Duration::from_secs(5))
+        .open_native()
+        .unwrap();
+    host.write_all(b"hello").unwrap();
+    // it sends, so its next write finds no room
+    host.read_exact(&mut [0; 100]).unwrap();
+    std::thread::sleep(Duration::from_millis(100));
+    drop(host);
+    let (done, ended) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        emulator.stop();
+        done.send(()).unwrap();
+    });
+    ended.recv_timeout(Duration::from_secs(20)).expect("blocked for ever");
+    assert!(!path.exists(), "its name stays");
+}
