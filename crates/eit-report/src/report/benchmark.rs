@@ -14,6 +14,7 @@ mod forward;
 mod forward_cases;
 mod image_cases;
 mod image_plots;
+mod image_tables;
 mod images;
 mod inverse;
 mod merged;

@@ -1,0 +1,120 @@
+//! What the page and the tables say of images.
+
+use super::budgets;
+use super::images::{ImageResults, RecordingFailure};
+use super::plan_check::StageCheck;
+use super::table::Table;
+use eit_skin::plan::measured::Measured;
+
+/// The best solver of each scene for each time that a frame may take.
+pub(super) fn choices<'a>(scenes: impl Iterator<Item = &'a ImageResults>) -> Table {
+    let head: Vec<&str> = std::iter::once("scene").chain(budgets::HEAD).collect();
+    let rows = scenes.flat_map(|result| {
+        let named = |cells: Vec<String>| {
+            std::iter::once(result.case.name.to_owned()).chain(cells).collect::<Vec<_>>()
+        };
+        budgets::cells(&result.rows).into_iter().map(named)
+    });
+    Table::new(
+        &head,
+        rows.collect(),
+        "The least error within the time that a frame may take; of those within 2 % of it the \
+         cheapest. Time: for recordings the median of a frame with its share of the choice of weights \
+         or hyperparameter; live the time that 95 of 100 frames do not exceed, of solvers that know the \
+         skin and the noise before the first frame and nothing of the recording. Without set-up. Error: \
+         relative, root mean square over soft and hard fingers (one and two on the fabric), 1 for an \
+         empty image.",
+    )
+}
+
+/// What the plan of each scene promised, beside what was measured.
+pub(super) fn plans(results: &[ImageResults]) -> Table {
+    let mut rows = Vec::new();
+    let all = results.iter().flat_map(|r| r.plans.iter().map(move |plan| (r, plan)));
+    for (result, plan) in all {
+        for StageCheck { stage, planned_s, measured_s } in &plan.stages {
+            rows.push(vec![
+                result.case.name.to_owned(),
+                plan.method.name().to_owned(),
+                (*stage).to_owned(),
+                format!("{:.3}", 1e3 * planned_s),
+                format!("{:.3}", 1e3 * measured_s),
+                format!("{:.2}", planned_s / measured_s),
+            ]);
+        }
+        let (planned, measured) = (plan.expected_error, plan.measured_error);
+        rows.push(vec![
+            result.case.name.to_owned(),
+            plan.method.name().to_owned(),
+            "relative error".to_owned(),
+            planned.map_or_else(|| "-".to_owned(), |error| format!("{error:.3}")),
+            format!("{measured:.3}"),
+            planned.map_or_else(|| "-".to_owned(), |error| format!("{:.2}", error / measured)),
+        ]);
+    }
+    Table::new(
+        &["scene", "method", "stage", "planned, ms", "measured, ms", "planned / measured"],
+        rows,
+        "What `eit plan` says of the scene with its noise stated, with its own method and with one-step \
+         images, beside medians of three runs, on recordings with other paths and noise than those \
+         that the plan knows. The error has no unit.",
+    )
+}
+
+/// Every solver of a scene at every setting.
+pub(super) fn solvers(result: &ImageResults) -> Table {
+    let number = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+    };
+    let gap = |gap: Option<f64>| gap.map_or_else(|| "-".to_owned(), |gap| format!("{gap:.1e}"));
+    let row = |row: &Measured| {
+        vec![
+            row.label(),
+            row.pixels.map_or_else(|| "elements".to_owned(), |pixels| pixels.to_string()),
+            gap(row.target_gap),
+            format!("{:.3}", row.relative_error),
+            format!("{:.3}", row.relative_error_first),
+            number(row.relative_error_second, 3),
+            number(row.position_error_mm, 1),
+            format!("{:.2}", row.found),
+            if row.live { "yes" } else { "no" }.to_owned(),
+            format!("{:.3}", row.ms_a_frame),
+            format!("{:.3} to {:.3}", row.ms_a_frame_least, row.ms_a_frame_most),
+            row.times.to_string(),
+            number(row.floor_ms_a_frame, 4),
+            gap(row.proven_gap),
+            format!("{:.0}", row.iterations),
+            row.status.clone(),
+            format!("{:.2}", row.set_up_s),
+            format!("{:.2}", row.choice_s),
+        ]
+    };
+    let mut note = result.note.clone();
+    for RecordingFailure { solver, shape, why } in &result.failures {
+        note += &format!(". Failed on {shape}: {solver}: {why}");
+    }
+    Table::new(
+        &[
+            "solver",
+            "pixels",
+            "gap asked",
+            "error",
+            "soft / one",
+            "hard / two",
+            "position, mm",
+            "found",
+            "live",
+            "ms a frame",
+            "spread, ms",
+            "times",
+            "floor, ms",
+            "gap proven",
+            "iterations",
+            "status",
+            "set-up, s",
+            "choice, s",
+        ],
+        result.rows.iter().map(row).collect(),
+        note,
+    )
+}
