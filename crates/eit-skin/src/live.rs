@@ -1,7 +1,7 @@
 //! Frames to touches as they come: one loop for an instrument, a replay and the demo.
 //!
 //! The first frames of an epoch are the reference; from then on each frame gives an image
-//! ([`LiveImages`]) and its touches ([`TouchFinder`]), whatever the pace: nothing looks at a clock, so
+//! ([`LiveImages`]) and its touches ([`TouchFinder`](crate::touches::TouchFinder)), whatever the pace: nothing looks at a clock, so
 //! that a recording gives the same images to the bit.
 
 mod clock;

@@ -77,7 +77,7 @@ impl Touches {
 /// Finds touches in the images of a net where there are some, [frame, row, column]; otherwise in the
 /// one-step images of frames, whatever method makes the pictures: their noise is known cell by cell,
 /// and its floor is well above the noise of a net's images. `None` where the noise of the data is
-/// unknown. `gain` as in [`noise::known`].
+/// unknown.
 pub fn touches(
     fitted: &FittedFrames,
     denoised: Option<ArrayView3<'_, f64>>,

@@ -37,7 +37,7 @@ pub fn held_out_scores(weights: &Weights, held_out: &[Shard]) -> Result<Scores, 
 }
 
 /// The part of the data's energy that the net's images of held-out frames leave unexplained, all
-/// but [`NOT_BELIEVED`] of them. Only frames in which something touches: between touches the data is
+/// but 2 % of them. Only frames in which something touches: between touches the data is
 /// drift and what relaxes, which no image of a touch explains.
 pub fn misfit_limit(
     weights: &Weights,
