@@ -76,7 +76,7 @@ impl Stepper {
 
     /// Sum over these examples of their weighted mean squared errors, and the derivative of the
     /// batch's mean error by all parameters. Index `k + n t` of `n` examples is the `k`-th in its
-    /// `t`-th turn ([`Examples::turned`]).
+    /// `t`-th turn ([`Examples::augmented`]).
     ///
     /// # Errors
     /// [`DenoiseError::NothingToLearn`] for no example; [`DenoiseError::OutOfRange`] for one that
