@@ -7,13 +7,12 @@ use crate::error::SkinError;
 use crate::progress::Progress;
 use crate::scene::{DriverKind, Instrument};
 use crate::skin::{Skin, rounding_warning};
+use eit_fem::fabric::Random;
 use eit_fem::{ForwardModel, Protocol};
 use eit_hw::codec::eits1::Information;
 use eit_hw::emulator::{BoardDevice, Device, Eits1Device, SciospecDevice};
 use eit_hw::{Layout, Quadruple, Unit};
 use ndarray::Array2;
-use rand_distr::{Distribution, StandardNormal};
-use rand_pcg::Pcg64;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -29,7 +28,7 @@ struct Played {
     real: Array2<f64>,
     imaginary: Option<Array2<f64>>,
     noise: f64,
-    random: Pcg64,
+    random: Random,
 }
 
 impl Played {
@@ -37,7 +36,7 @@ impl Played {
     fn at(&mut self, number: u64, index: usize) -> [f64; 2] {
         let row = (number % self.real.nrows() as u64) as usize;
         let noise = match self.noise > 0.0 {
-            true => self.noise * Distribution::<f64>::sample(&StandardNormal, &mut self.random),
+            true => self.noise * self.random.normal(),
             false => 0.0,
         };
         let imaginary = self.imaginary.as_ref().map_or(0.0, |parts| parts[[row, index]]);
@@ -82,7 +81,7 @@ pub fn device(
                 .map_err(|why| mismatch(skin, instrument, &why))?,
             imaginary: None,
             noise: 0.0,
-            random: Pcg64::new(0, 0),
+            random: Random::new(0),
         },
         PlayedFrames::Untouched => from_model(skin, instrument, &wanted, content.seed, progress)?,
     };
@@ -157,7 +156,7 @@ fn from_model(
         real: voltages.insert_axis(ndarray::Axis(0)),
         imaginary: None,
         noise: skin.settings.noise.additive_v.unwrap_or(DEFAULT_NOISE * median),
-        random: Pcg64::new(u128::from(seed), 0x0a02_bdbf_7bb3_c0a7),
+        random: Random::stream(seed, 0x0a02_bdbf_7bb3_c0a7),
     })
 }
 
@@ -185,7 +184,7 @@ fn from_file(
         true => Some(part(eit_hw::Component::Imaginary)?),
         false => None,
     };
-    Ok(Played { real, imaginary, noise: 0.0, random: Pcg64::new(0, 0) })
+    Ok(Played { real, imaginary, noise: 0.0, random: Random::new(0) })
 }
 
 fn mismatch(skin: &Skin, instrument: &Instrument, why: &str) -> SkinError {

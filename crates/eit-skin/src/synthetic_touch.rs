@@ -1,9 +1,8 @@
 //! A synthetic touch, for choosing weights without a recording.
 
 use crate::noise::DataNoise;
+use eit_fem::fabric::Random;
 use ndarray::{Array1, Array2};
-use rand_distr::{Distribution, StandardNormal};
-use rand_pcg::Pcg64;
 
 /// Frames of the touch.
 const FRAMES: usize = 8;
@@ -44,7 +43,7 @@ pub fn touch(
     });
     let (width_m, change_s) = (BELL * side_m, CHANGE * sheet_s);
     // any seed: the choice sees the size of the noise alone
-    let mut random = Pcg64::new(0, 0x0a02_bdbf_7bb3_c0a7);
+    let mut random = Random::stream(0, 0x0a02_bdbf_7bb3_c0a7);
     let mut frames = Array2::zeros((FRAMES, jacobian.nrows()));
     for (k, mut frame) in frames.rows_mut().into_iter().enumerate() {
         let part = REACH * k as f64 / (FRAMES - 1) as f64;
@@ -53,8 +52,7 @@ pub fn touch(
         let image: Array1<f64> = at_m.iter().map(bell).collect();
         frame.assign(&jacobian.dot(&image));
         for (value, std) in frame.iter_mut().zip(&noise.std) {
-            let unit: f64 = StandardNormal.sample(&mut random);
-            *value += std * unit;
+            *value += std * random.normal();
         }
     }
     frames

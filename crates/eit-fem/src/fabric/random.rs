@@ -41,6 +41,11 @@ impl Random {
         low + (high - low) * self.uniform()
     }
 
+    /// Uniform in the logarithm, between two numbers above 0.
+    pub fn log_between(&mut self, low: f64, high: f64) -> f64 {
+        self.between(low.ln(), high.ln()).exp()
+    }
+
     /// A whole number from 0 to below `count`, each equally likely; 0 for a `count` of 0.
     pub fn below(&mut self, count: usize) -> usize {
         ((count as f64 * self.uniform()) as usize).min(count.saturating_sub(1))
@@ -49,6 +54,11 @@ impl Random {
     /// Normal with mean 0 and standard deviation 1.
     pub fn normal(&mut self) -> f64 {
         StandardNormal.sample(&mut self.0)
+    }
+
+    /// Values with white noise of a standard deviation.
+    pub fn noisy(&mut self, values: &[f64], std: f64) -> Vec<f64> {
+        values.iter().map(|value| value + std * self.normal()).collect()
     }
 
     /// Independent [`normal`](Self::normal) numbers, [row, column], drawn row by row.

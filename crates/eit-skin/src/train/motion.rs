@@ -1,8 +1,8 @@
 //! Fingers and fabrics of a learning base: everything that a net should not rely on is drawn anew.
 
-use eit_fem::fabric::{FabricSettings, Finger, Interpolation, Key, PlayCircle, Tip, TouchScript};
-use rand_distr::{Distribution as _, StandardUniform};
-use rand_pcg::Pcg64;
+use eit_fem::fabric::{
+    FabricSettings, Finger, Interpolation, Key, PlayCircle, Random, Tip, TouchScript,
+};
 use std::f64::consts::TAU;
 
 /// Frames a second, as in the built-in scripts.
@@ -15,28 +15,8 @@ const REACH: f64 = 0.9;
 const PRESS_S: f64 = 0.3;
 
 /// Random numbers of one sequence and attempt.
-pub struct Random(Pcg64);
-
-impl Random {
-    pub fn new(seed: u64, sequence: usize, attempt: usize) -> Self {
-        Self(Pcg64::new(u128::from(seed), (sequence as u128) << 16 | attempt as u128))
-    }
-
-    /// Uniform.
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        let unit: f64 = StandardUniform.sample(&mut self.0);
-        low + (high - low) * unit
-    }
-
-    /// Uniform in the logarithm.
-    fn factor(&mut self, low: f64, high: f64) -> f64 {
-        self.between(low.ln(), high.ln()).exp()
-    }
-
-    /// One of so many.
-    pub fn choice(&mut self, count: usize) -> usize {
-        (self.between(0.0, count as f64) as usize).min(count.saturating_sub(1))
-    }
+pub fn random(seed: u64, sequence: usize, attempt: usize) -> Random {
+    Random::stream(seed, (sequence as u128) << 16 | attempt as u128)
 }
 
 /// How many fingers a drawn script has.
@@ -118,7 +98,7 @@ fn are_apart(script: &TouchScript) -> bool {
 fn beside(random: &mut Random, circle: &PlayCircle, first: &Finger) -> Finger {
     let apart = random.between(APART + 0.1, 6.0);
     let (mut angle, turn) = (random.between(0.0, TAU), random.between(-1.0, 1.0));
-    let force = random.factor(0.5, 2.0);
+    let force = random.log_between(0.5, 2.0);
     let mut keys = first.keys.clone();
     for key in &mut keys {
         let distance_m = apart * key.radius_m;
@@ -140,19 +120,19 @@ fn finger(random: &mut Random, circle: &PlayCircle, id: u32, frames: usize) -> F
     let mut keys: Vec<Key> = Vec::new();
     let end_s = frames as f64 / RATE_HZ;
     let mut now_s = QUIET as f64 / RATE_HZ + random.between(0.0, 0.8);
-    let interpolation = [Interpolation::Linear, Interpolation::Smooth][random.choice(2)];
+    let interpolation = [Interpolation::Linear, Interpolation::Smooth][random.below(2)];
     while now_s + 2.0 * PRESS_S < end_s {
         let tip = 0.01_f64.min(0.15 * circle.radius_m);
-        let (radius_m, force_n) = (tip * random.between(0.6, 1.3), random.factor(0.2, 2.5));
+        let (radius_m, force_n) = (tip * random.between(0.6, 1.3), random.log_between(0.2, 2.5));
         // a tap every third time
-        let places = match random.choice(3) {
+        let places = match random.below(3) {
             0 => 0,
-            _ => 1 + random.choice(4),
+            _ => 1 + random.below(4),
         };
         let last = keys.last().map(|key| key.position_m);
         for k in 0..=places {
             // equal areas are equally likely; a tap may come back to its place
-            let again = k == 0 && random.choice(3) == 0;
+            let again = k == 0 && random.below(3) == 0;
             let position_m = match last.filter(|_| again) {
                 Some(last) => last,
                 None => {
@@ -192,12 +172,12 @@ pub fn fabric(random: &mut Random, scene: &FabricSettings) -> FabricSettings {
     fabric.piezo.strain_gain *= random.between(0.7, 1.3);
     fabric.piezo.hysteresis = (scene.piezo.hysteresis * random.between(0.0, 2.0)).min(0.5);
     fabric.weave.amplitude *= random.between(0.2, 1.5);
-    let drift = random.factor(0.3, 3.0);
+    let drift = random.log_between(0.3, 3.0);
     fabric.drift.conductivity *= drift;
     fabric.drift.contact *= drift;
-    let noise = random.factor(0.5, 10.0);
+    let noise = random.log_between(0.5, 10.0);
     fabric.instrument.noise_v = scene.instrument.noise_v.map(|v| noise * v);
-    fabric.instrument.gain_error *= random.factor(0.3, 3.0);
+    fabric.instrument.gain_error *= random.log_between(0.3, 3.0);
     fabric
 }
 

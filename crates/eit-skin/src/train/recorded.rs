@@ -1,6 +1,6 @@
 //! Sequences of a real skin, whose truth nobody knows: wanted images by the paper's rule.
 
-use super::motion::Random;
+use super::motion;
 use super::shared::Shared;
 use super::{HELD_OUT, is_held_out};
 use crate::error::SkinError;
@@ -94,13 +94,12 @@ impl Recorded {
     /// A sequence by its number: recordings as they are, then turned again and again.
     pub fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
         let recording = self.frames(index);
-        let mut random = Random::new(shared.seed, index, 0);
+        let mut random = motion::random(shared.seed, index, 0);
         let turned = match shared.symmetries.is_empty() || index < self.recordings.len() {
             true => recording,
-            false => turned(
-                &recording,
-                &shared.symmetries[random.choice(shared.symmetries.len())].order,
-            )?,
+            false => {
+                turned(&recording, &shared.symmetries[random.below(shared.symmetries.len())].order)?
+            }
         };
         let chained = shared.chain.reconstruct_frames(turned)?;
         let mut data = shared.data(&chained)?;

@@ -1,7 +1,7 @@
 //! Sequences of simulated touches: simulate, turn, reconstruct, and the truth turned alike.
 
 use super::BaseRequest;
-use super::motion::{Fingers, MOST, QUIET, RECIPE, Random, fabric, script};
+use super::motion::{self, Fingers, MOST, QUIET, RECIPE, fabric, script};
 use super::shared::{Shared, TurnedOrder};
 use crate::denoise::Lengths;
 use crate::error::SkinError;
@@ -9,7 +9,7 @@ use crate::progress::Progress;
 use crate::skin::Skin;
 use eit_denoise::{ImageStack, Shard};
 use eit_fem::FemError;
-use eit_fem::fabric::{Fabric, PlayCircle, Simulation, SimulationSettings};
+use eit_fem::fabric::{Fabric, PlayCircle, Random, Simulation, SimulationSettings};
 use eit_mesh::Raster;
 use ndarray::{Array3, ArrayView2, Axis};
 
@@ -76,7 +76,7 @@ impl Simulated {
     pub fn sequence(&self, shared: &Shared, index: usize) -> Result<Shard, SkinError> {
         let mut last = SkinError::Failure("no script was tried".to_owned());
         for attempt in 0..ATTEMPTS {
-            let mut random = Random::new(shared.seed, index, attempt);
+            let mut random = motion::random(shared.seed, index, attempt);
             match self.simulate(shared, &mut random, index)? {
                 Ok(made) => return self.pairs(shared, &mut random, made),
                 Err(error) => last = SkinError::from(error),
@@ -128,7 +128,7 @@ impl Simulated {
         let mut to_old = [[1.0, 0.0], [0.0, 1.0]];
         if !shared.symmetries.is_empty() {
             let TurnedOrder { symmetry, order } =
-                &shared.symmetries[random.choice(shared.symmetries.len())];
+                &shared.symmetries[random.below(shared.symmetries.len())];
             for mut row in values.rows_mut() {
                 let frame = row.to_vec();
                 let mut turned = vec![0.0; frame.len()];
