@@ -111,7 +111,7 @@ pub fn run() -> Result<Outcome, Box<dyn Error>> {
     let start = |touch: &eit_inverse::touch::Touch| Bell {
         position_m: touch.position_m,
         amplitude: (touch.peak_s / SHEET_S).clamp(0.05, 2.0),
-        radius_m: (touch.area_m2 / std::f64::consts::PI).sqrt() / 1.18,
+        radius_m: (touch.area_m2.unwrap_or_default() / std::f64::consts::PI).sqrt() / 1.18,
     };
     let starts: Vec<Bell> = touches.iter().map(start).collect();
     let (fitted, _) = fit.fit_number(&frame, &rest, &starts, 4)?;

@@ -19,7 +19,7 @@ pub mod touch;
 pub use calibration::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
 pub use data::{DifferenceData, DifferenceKind, FrameStatus};
 pub use error::InverseError;
-pub use noise::{NuisanceParameters, noise_std_of_quiet_frames};
+pub use noise::{NuisanceParameters, noise_std_of_quiet_frames, smallest_step};
 pub use one_step::{
     ChosenHyperparameter, CurvePoint, HyperparameterChoice, HyperparameterStatus, NoiseTarget,
     OneStepGaussNewton, OneStepReport, OneStepSettings, Reconstructor, Workspace,

@@ -92,7 +92,7 @@ pub enum ChangeSign {
 
 impl ChangeSign {
     /// 1 or -1.
-    fn factor(self) -> f64 {
+    pub fn factor(self) -> f64 {
         match self {
             Self::Increase => 1.0,
             Self::Decrease => -1.0,

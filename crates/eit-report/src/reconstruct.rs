@@ -91,8 +91,7 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
         out.write("raw.npy", |w| write_npy(&made.images, w))?;
         denoise(net, &fitted, &mut made, progress)?;
     }
-    let denoised = net.is_some().then(|| made.images.view());
-    let found = eit_skin::touches::touches(&fitted, denoised, progress)?;
+    let found = eit_skin::touches::touches(&fitted, progress)?;
     let FittedFrames { skin: linearised, frames, .. } = &fitted;
     let mut notes = frames.notes.clone();
     notes.extend(linearised.skin.notes.iter().map(|note| format!("mesh: {note}")));

@@ -79,7 +79,7 @@ pub fn record_of(shown: &LiveFrame<'_>) -> TouchesRecord {
             .map(|touch| TouchRecord {
                 id: touch.id,
                 position_m: touch.position_m,
-                radius_m: Some((touch.area_m2 / std::f64::consts::PI).sqrt()),
+                radius_m: touch.area_m2.map(|area_m2| (area_m2 / std::f64::consts::PI).sqrt()),
                 force_n: None,
             })
             .collect(),

@@ -101,16 +101,14 @@ fn measured(
     frames: &Frames,
     data: &DifferenceData,
 ) -> Result<Vec<f64>, eit_inverse::InverseError> {
-    let mut values = quiet.values.clone();
+    let mut std = noise_std_of_quiet_frames(quiet.values.view())?;
     if matches!(data, DifferenceData::Normalised { .. }) {
-        for (mut column, (reference, used)) in
-            values.columns_mut().into_iter().zip(frames.reference.iter().zip(&frames.used))
-        {
-            // unused ones are zero, whatever their reference
+        for (e, (reference, used)) in std.iter_mut().zip(frames.reference.iter().zip(&frames.used)) {
+            // unused ones have any reference
             if *used {
-                column.iter_mut().for_each(|v| *v /= reference);
+                *e /= reference.abs();
             }
         }
     }
-    noise_std_of_quiet_frames(values.view())
+    Ok(std)
 }

@@ -11,6 +11,7 @@ mod displacement;
 #[cfg(feature = "hw")]
 pub mod emulate;
 mod error;
+pub mod faults;
 mod fitted;
 pub mod frames;
 mod linearised;

@@ -7,8 +7,9 @@ use ndarray::{ArrayView1, ArrayView2, Axis};
 /// measurement]` during which nothing touched the skin: the root mean square of differences of
 /// successive frames over the root of 2, so that slow drift does not count as noise.
 ///
-/// A channel that does not move at all (a stuck converter) gets a tenth of the median channel's
-/// noise: it must not have all the weight.
+/// No channel has less noise than its converter's rounding, [`smallest_step`]` / sqrt(12)`: one whose
+/// noise is below a step repeats itself for a while, and the next step is no event. Nor less than a
+/// tenth of the median channel's: a stuck one must not have all the weight.
 ///
 /// # Errors
 /// [`InverseError::WrongLength`] for fewer than three frames; [`InverseError::NonFiniteData`];
@@ -31,7 +32,20 @@ pub fn noise_std_of_quiet_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>
         let must = "above zero: the frames are all equal";
         return Err(InverseError::OutOfRange { quantity, value, must });
     };
-    Ok(noise.iter().map(|e| e.max(0.1 * median)).collect())
+    let rounding = smallest_step(frames) / 12.0_f64.sqrt();
+    Ok(noise.iter().map(|e| e.max(rounding).max(0.1 * median)).collect())
+}
+
+/// The smallest change of a channel from one of some frames `[frame, measurement]` to the next that is
+/// not zero: one step of the converter where there is rounding, far below the noise where there is
+/// none; 0 where nothing changes.
+pub fn smallest_step(frames: ArrayView2<'_, f64>) -> f64 {
+    let changes = frames.axis_iter(Axis(1)).flat_map(|channel| {
+        let next = channel.iter().skip(1).copied().collect::<Vec<_>>();
+        channel.iter().copied().zip(next).map(|(a, b)| (b - a).abs()).collect::<Vec<_>>()
+    });
+    let least = changes.filter(|change| *change > 0.0).fold(f64::INFINITY, f64::min);
+    if least.is_finite() { least } else { 0.0 }
 }
 
 /// Root mean square of differences of successive frames over the root of 2, `[measurement]`; at least

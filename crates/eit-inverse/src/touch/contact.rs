@@ -28,10 +28,13 @@ pub struct Touch {
     pub position_covariance_m2: [[f64; 3]; 3],
     /// Velocity, metres per second.
     pub velocity_m_s: [f64; 3],
-    /// Area in which the change is at least half of its peak, square metres.
-    pub area_m2: f64,
-    /// Integral of the conductivity change over that area, S m^2; with the sign of the change.
+    /// Area in which the change is at least half of its peak, square metres; `None` where the method
+    /// does not tell touches of one size from those of another.
+    pub area_m2: Option<f64>,
+    /// Integral of the conductivity change over the touch, S m^2; with the sign of the change.
     pub intensity_s_m2: f64,
+    /// Standard deviation of it; `None` where it is not known.
+    pub intensity_std_s_m2: Option<f64>,
     /// Peak of the conductivity change, siemens (per square); with its sign.
     pub peak_s: f64,
     /// How sure it is that there is a touch now, 0 to 1: `(1 - p) h`, where `p` is the probability

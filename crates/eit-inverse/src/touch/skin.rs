@@ -25,18 +25,33 @@ pub(super) fn nearest(surface: &Surface, point_m: Point) -> Place {
             (best, least, at) = (candidate, squared, triangle);
         }
     }
-    let [a, b, c] = surface.corners(at);
+    Place { position_m: best, distance_m: least.sqrt(), tangents: tangents(surface.corners(at)) }
+}
+
+/// Two orthonormal directions in the plane of a triangle; x and y on a flat skin.
+pub(super) fn tangents([a, b, c]: [Point; 3]) -> [Point; 2] {
     let normal = unit(cross(minus(b, a), minus(c, a)));
     // x laid into the plane, or y where the plane is nearly across x
     let axis = if normal[0].abs() < 0.9 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
     let along = dot(axis, normal);
     let first = unit(from_fn(|i| axis[i] - along * normal[i]));
-    let tangents = [first, cross(normal, first)];
-    Place { position_m: best, distance_m: least.sqrt(), tangents }
+    [first, cross(normal, first)]
+}
+
+/// The one of some points that is nearest; the point itself where there are none.
+pub(super) fn nearest_of(candidates: impl Iterator<Item = Point>, p: Point) -> Point {
+    let (mut best, mut least) = (p, f64::INFINITY);
+    for candidate in candidates {
+        let squared = dot(minus(candidate, p), minus(candidate, p));
+        if squared < least {
+            (best, least) = (candidate, squared);
+        }
+    }
+    best
 }
 
 /// The nearest point of a triangle (Ericson, *Real-Time Collision Detection* (2005), 5.1.5).
-fn nearest_in([a, b, c]: [Point; 3], p: Point) -> Point {
+pub(super) fn nearest_in([a, b, c]: [Point; 3], p: Point) -> Point {
     let (ab, ac, ap) = (minus(b, a), minus(c, a), minus(p, a));
     let (d1, d2) = (dot(ab, ap), dot(ac, ap));
     if d1 <= 0.0 && d2 <= 0.0 {

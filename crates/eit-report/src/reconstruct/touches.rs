@@ -3,13 +3,14 @@
 use crate::error::ReportError;
 use crate::output::io;
 use eit_inverse::touch::{Touch, TouchState};
+use eit_skin::faults::ElectrodeFault;
 use eit_skin::touches::{TouchRow, Touches};
 use serde_json::{Value, json};
 use std::io::Write;
 
 /// Columns of `touches.csv`.
-pub const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,area_m2,intensity,confidence,std_x,std_y,\
-                      vx,vy,valid";
+pub const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_std,confidence,\
+                      std_x,std_y,vx,vy,valid";
 
 /// One row for each touch of each frame.
 pub fn write_csv(rows: &[TouchRow], out: &mut dyn Write) -> Result<(), ReportError> {
@@ -33,9 +34,13 @@ pub fn write_row(
     let [std_x, std_y, _] = touch.position_std_m();
     writeln!(
         out,
-        "{frame},{time_s:.6},{},{state},{x:.6},{y:.6},{z:.6},{:.6e},{:.6e},{:.4},{std_x:.3e},\
+        "{frame},{time_s:.6},{},{state},{x:.6},{y:.6},{z:.6},{:.6e},{},{:.4},{std_x:.3e},\
          {std_y:.3e},{vx:.4},{vy:.4},{}",
-        touch.id, touch.area_m2, touch.intensity_s_m2, touch.confidence, touch.valid
+        touch.id,
+        touch.intensity_s_m2,
+        touch.intensity_std_s_m2.map_or_else(String::new, |std| format!("{std:.3e}")),
+        touch.confidence,
+        touch.valid
     )
     .map_err(io)
 }
@@ -43,28 +48,44 @@ pub fn write_row(
 /// Part of `report.json`; `null` where the noise is unknown.
 pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
     touches.map_or(Value::Null, |touches| {
+        let fault = |fault: &ElectrodeFault| {
+            json!({
+                "electrode": fault.electrode + 1,
+                "fault": fault.kind.words(),
+                "since_s": fault.since_s,
+            })
+        };
         json!({
+            "frames": touches.frames,
+            "frames_with_touch": touches.frames_with_touch(),
             "count": touches.count(),
             "most_at_once": touches.most(),
             "rows": touches.rows.len(),
-            "threshold_in_noise": touches.threshold,
-            "effective_cells": touches.effective_cells,
-            "false_alarms_per_hour": touches.false_alarms_per_hour,
             "frame_rate_hz": touches.rate_hz,
             "noise": touches.noise_source,
+            "faulty_electrodes": touches.faults.iter().map(fault).collect::<Vec<_>>(),
         })
     })
 }
 
-/// A line of the text.
+/// Lines of the text.
 pub(super) fn line(touches: Option<&Touches>) -> String {
-    match touches {
-        None => "no touches are looked for: the noise is unknown ([noise])".to_owned(),
-        Some(touches) => format!(
-            "{} touches, at most {} at once; at most {} false ones an hour",
-            touches.count(),
-            touches.most(),
-            touches.false_alarms_per_hour
-        ),
+    let Some(touches) = touches else {
+        return "no touches are looked for: the noise is unknown ([noise])".to_owned();
+    };
+    let mut text = format!(
+        "{} touches, at most {} at once; {} of {} frames show one",
+        touches.count(),
+        touches.most(),
+        touches.frames_with_touch(),
+        touches.frames
+    );
+    for ElectrodeFault { electrode, kind, since_s } in &touches.faults {
+        text += &format!(
+            "\nelectrode {} {}; left out from {since_s:.2} s on",
+            electrode + 1,
+            kind.words()
+        );
     }
+    text
 }

@@ -168,11 +168,6 @@ impl LiveImages {
         self.net.is_some().then_some(&*self.raw)
     }
 
-    /// The image after the net, where there is one: touches are found in it.
-    pub fn denoised(&self) -> Option<&[f64]> {
-        self.net.is_some().then_some(&*self.made)
-    }
-
     /// How it came about.
     pub fn state(&self) -> ImageState {
         self.state

@@ -138,11 +138,11 @@ impl LiveStream {
         images.push(
             &self.values,
             finder.reference(),
-            |i| used[i] && is_good(i),
+            |i| used[i] && !finder.is_missing(i),
             finder.pixels(),
         )?;
         self.touches.clear();
-        self.touches.extend_from_slice(finder.find(images.denoised(), time_s)?);
+        self.touches.extend_from_slice(finder.find(time_s)?);
         self.time_s = time_s;
         self.latency_s = frame.host_time_s.filter(|_| is_live).map(|came| now_s() - came);
         self.frames += 1;

@@ -485,24 +485,22 @@ pub struct NoiseSettings {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct TouchSettings {
-    /// False touches an hour that noise alone may make.
-    pub false_alarms_per_hour: Option<f64>,
+    /// Least strength of a touch, as an area of doubled conductivity, square metres.
+    pub least_strength_m2: Option<f64>,
+    /// Radius of a fingertip's footprint, metres.
+    pub radius_m: Option<f64>,
+    /// Least distance of two touches, metres.
+    pub apart_m: Option<f64>,
     /// Most touches at once.
     pub max_touches: Option<usize>,
     /// Which changes of conductivity are touches.
     #[serde(default)]
     pub sign: TouchSign,
-    /// Images that must show a touch before it is reported ...
-    pub birth_hits: Option<usize>,
-    /// ... among so many.
+    /// Frames that must show a faint touch before it is reported.
     pub birth_frames: Option<usize>,
-    /// Images that a touch may be missing from.
+    /// Frames that a touch may be missing from.
     pub forgiven_frames: Option<usize>,
-    /// Least peak relative to the largest of the image.
-    pub relative_floor: Option<f64>,
-    /// Least height over the saddle to a larger peak, relative.
-    pub prominence: Option<f64>,
-    /// Time constant of the reference, seconds; 0: it stands still.
+    /// Time in which the reference follows drift, seconds; 0: it stands still.
     pub drift_time_s: Option<f64>,
 }
 

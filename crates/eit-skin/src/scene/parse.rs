@@ -19,7 +19,15 @@ pub fn from_toml<T: DeserializeOwned>(text: &str, place: &str) -> Result<T, Skin
 }
 
 /// Keys of earlier versions and what they are called now.
-const RENAMED: [(&str, &str); 1] = [("permittivity_f", "sheet_capacitance_f")];
+const RENAMED: [(&str, &str); 2] =
+    [("permittivity_f", "sheet_capacitance_f"), ("birth_hits", "birth_frames")];
+
+/// Keys of earlier versions that nothing stands for, and why.
+const GONE: [(&str, &str); 3] = [
+    ("false_alarms_per_hour", "touches are told from drift, movement and memory, not from noise alone"),
+    ("relative_floor", "each touch is held to what it explains"),
+    ("prominence", "touches are fitted together; [touch] apart_m says how near two may be"),
+];
 
 /// Names the nearest known key where a key is unknown; other messages are folded to one line.
 fn explain(message: &str) -> String {
@@ -33,6 +41,9 @@ fn explain(message: &str) -> String {
     let unknown = quoted[0];
     if let Some((old, new)) = RENAMED.into_iter().find(|(old, _)| is_key && *old == unknown) {
         return format!("the key \"{old}\" is called \"{new}\" now");
+    }
+    if let Some((old, why)) = GONE.into_iter().find(|(old, _)| is_key && *old == unknown) {
+        return format!("the key \"{old}\" has gone: {why}");
     }
     let nearest = known
         .iter()

@@ -215,7 +215,7 @@ impl ScriptRecording {
 
     /// Cells of a row about touches.
     fn touch_cells(&self, made: &Chained) -> Result<Vec<Cell>, ReportError> {
-        let found = touches(&made.fitted, None, &mut Progress::silent())?;
+        let found = touches(&made.fitted, &mut Progress::silent())?;
         let Some(found) = found else {
             return Err(ReportError::Failure(
                 "the noise of simulated frames is unknown".to_owned(),

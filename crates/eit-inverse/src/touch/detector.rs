@@ -1,0 +1,426 @@
+//! Touches straight from frames, each held against everything that is not a touch.
+//!
+//! ```text
+//! v - v_ref = sum_k a_k d(c_k) + M s + K q + noise
+//! ```
+//!
+//! `d(c)` is what a bell of 1 S m^2 at place `c` does on the linearised model; `K q` what electrodes
+//! that move, contacts and the sheet as a whole do (`q` normal, mean 0, variance 1); `M s` what the
+//! fabric remembers of touches, `s` within bounds. `K q` and the noise are one covariance, and all is
+//! whitened by it once. A touch is what lowers the rest of a frame by more than all of these do:
+//!
+//! 1. greedy search over places, all strengths and places fitted together after each (damped
+//!    Gauss-Newton); the number of touches by `ln(rest) + touches ln(1.6)`;
+//! 2. backward: a touch stays where the rest grows by a factor without it, where it is not too faint
+//!    beside the others, and not too near a stronger one;
+//! 3. the reference follows what touches do not explain, so that it is never locked.
+//!
+//! Measurements that are missing in a frame are projected out ([`whitening`]).
+//!
+//! **Cost** for `n` rows, `G` places, `K` touches: whitening `n^2` for the frame and each memory, one
+//! scan `2 n G` a touch, fits about `2 n (3 K)^2` a touch. 104 rows, 1 200 places: 0.4 Mflop a frame
+//! without touches, 4 Mflop with eight. The dictionary has `3 n G` numbers (3 MB); a scan reads 1 MB
+//! of it, which is its floor. Nothing is allocated once vectors have grown to the most touches.
+//!
+//! Source: matching pursuit with orthogonal refits (Pati, Rezaiifar, Krishnaprasad, *Asilomar* 27
+//! (1993), 40-44) with places that move; correlated noise as in Kaipio, Somersalo (2005), section 3.3.
+
+mod dictionary;
+mod least_squares;
+mod memory;
+mod places;
+mod rows;
+mod search;
+mod settings;
+mod whitening;
+
+pub use settings::DetectorSettings;
+
+use super::fit::in_space;
+use crate::InverseError;
+use crate::check::check_length;
+use dictionary::Dictionary;
+use eit_mesh::Surface;
+use faer::Mat;
+use memory::Memory;
+use ndarray::ArrayRef2;
+use places::Places;
+use rows::Rows;
+use search::{Scene, Search};
+use whitening::{Whitening, dot};
+
+/// What a detector is made of. Rows `[measurement]` in protocol order.
+#[derive(Debug, Clone, Copy)]
+pub struct DetectorModel<'a> {
+    /// The skin.
+    pub surface: &'a Surface,
+    /// `[measurement, element]`, volts per siemens.
+    pub jacobian: &'a ArrayRef2<f64>,
+    /// Voltages of the untouched model, volts.
+    pub model_v: &'a [f64],
+    /// What else changes the model's voltages, one column for each unknown, volts for one standard
+    /// deviation of it: `[measurement, unknown]`.
+    pub unknowns: &'a ArrayRef2<f64>,
+    /// The reference frame, volts.
+    pub reference_v: &'a [f64],
+    /// Noise of a frame less the reference, volts.
+    pub noise_std_v: &'a [f64],
+    /// Which measurements count.
+    pub used: &'a [bool],
+    /// Index of each measurement's reciprocal; its own where there is none.
+    pub reciprocal: &'a [usize],
+    /// Measurements that involve each electrode; empty where electrodes are not to be blamed.
+    pub of_electrode: &'a [Vec<usize>],
+}
+
+/// A touch of one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DetectedTouch {
+    /// Place on the skin, metres.
+    pub position_m: [f64; 3],
+    /// Covariance of the place, square metres: noise and nuisance parameters, times the rest per
+    /// row where that is above 1.
+    pub position_covariance_m2: [[f64; 3]; 3],
+    /// Integral of the conductivity change, S m^2; with its sign.
+    pub strength_s_m2: f64,
+    /// Standard deviation of it, as that of the place.
+    pub strength_std_s_m2: f64,
+    /// Largest change of conductivity, siemens; with its sign.
+    pub peak_s: f64,
+    /// Factor by which the rest of the frame grows without it.
+    pub worth: f64,
+}
+
+/// How a frame was explained.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DetectorStep {
+    /// Rows that count.
+    pub rows: usize,
+    /// Squared length of the whitened frame; each row's expectation without a touch is below 1.
+    pub chi_square: f64,
+    /// The same less what the fabric's memory explains.
+    pub chi_square_without: f64,
+    /// What is left with touches.
+    pub chi_square_rest: f64,
+    /// The electrode whose gain alone explains the frame far better than touches do.
+    pub blamed: Option<usize>,
+}
+
+/// Part of a frame that one electrode's gain must explain to be blamed for it.
+const BLAME: f64 = 0.9;
+
+/// Rest for each row from which electrodes are looked at.
+const BLAME_FROM: f64 = 10.0;
+
+/// Finds touches in frames; see the [module](self) text.
+#[derive(Debug, Clone)]
+pub struct TouchDetector {
+    settings: DetectorSettings,
+    places: Places,
+    rows: Rows,
+    whitening: Whitening,
+    dictionary: Dictionary,
+    memory: Memory,
+    search: Search,
+    reference_v: Vec<f64>,
+    /// Strongest touch of late, S m^2.
+    late_s_m2: f64,
+    /// Whitened gain of each electrode, `[electrode][row]`.
+    gains: Vec<f64>,
+    is_missing: Vec<bool>,
+    lost: Vec<usize>,
+    difference: Vec<f64>,
+    folded: Vec<f64>,
+    whitened: Vec<f64>,
+    touch_v: Vec<f64>,
+    memory_v: Vec<f64>,
+    gain_of: Vec<f64>,
+    touches: Vec<DetectedTouch>,
+}
+
+impl TouchDetector {
+    /// For frames of a skin.
+    ///
+    /// # Errors
+    /// Wrong lengths, settings, values of used measurements that are not finite, noise that is not
+    /// above zero, nothing used.
+    pub fn new(model: &DetectorModel<'_>, settings: DetectorSettings) -> Result<Self, InverseError> {
+        settings.validate()?;
+        check(model)?;
+        let rows = Rows::new(model.reciprocal, model.used, model.reference_v, model.model_v)?;
+        let n = rows.of.len();
+        let variance = |&[i, j]: &[usize; 2]| {
+            let [a, b] = [i, j].map(|k| model.noise_std_v[k].powi(2));
+            if i == j { a } else { 0.25 * (a + b) }
+        };
+        let variances: Vec<f64> = rows.of.iter().map(variance).collect();
+        let unknowns = Mat::from_fn(n, model.unknowns.ncols(), |row, k| {
+            let [i, j] = rows.of[row];
+            let column = |i: usize| rows.ratio[i] * model.unknowns[(i, k)];
+            0.5 * (column(i) + column(j))
+        });
+        let whitening = Whitening::new(&variances, unknowns.as_ref())?;
+        let places = Places::new(model.surface, settings.spacing_m);
+        let dictionary =
+            Dictionary::new(model.surface, model.jacobian, &places, &rows, &whitening, &settings)?;
+        let measurements = model.used.len();
+        Ok(Self {
+            memory: Memory::new(n, &settings),
+            search: Search::new(n, &settings),
+            gains: gains(model, &rows, &whitening),
+            reference_v: model.reference_v.to_vec(),
+            late_s_m2: 0.0,
+            is_missing: vec![false; measurements],
+            lost: Vec::with_capacity(n),
+            difference: vec![0.0; measurements],
+            folded: vec![0.0; n],
+            whitened: vec![0.0; n],
+            touch_v: vec![0.0; n],
+            memory_v: vec![0.0; n],
+            gain_of: vec![0.0; n],
+            touches: Vec::with_capacity(settings.max_touches),
+            settings,
+            places,
+            rows,
+            whitening,
+            dictionary,
+        })
+    }
+
+    /// Takes a frame `[measurement]`, volts, `dt_s` after the one before; `is_missing` says which of
+    /// its values are not to be used. [`touches`](Self::touches) are its touches.
+    ///
+    /// # Errors
+    /// Wrong lengths; a value that is not missing and not finite; a time that is not above zero. The
+    /// detector is then as before.
+    pub fn push(
+        &mut self,
+        frame: &[f64],
+        is_missing: impl Fn(usize) -> bool,
+        dt_s: f64,
+    ) -> Result<DetectorStep, InverseError> {
+        self.take(frame, is_missing, dt_s)?;
+        self.whitening.apply(&self.folded, &mut self.whitened);
+        if self.whitening.lose(&self.lost) {
+            self.dictionary.update(&self.whitening);
+        }
+        self.whitening.project(&mut self.whitened);
+        self.memory.prepare(&self.rows, &self.whitening, &self.settings);
+        let scene = Scene {
+            places: &self.places,
+            dictionary: &self.dictionary,
+            whitening: &self.whitening,
+            memory: &self.memory,
+            settings: &self.settings,
+            late_s_m2: self.late_s_m2,
+        };
+        self.search.run(&scene, &self.whitened);
+        let blamed = self.blamed();
+        self.report();
+        self.follow(dt_s);
+        let of = |v: &[f64]| dot(v, v);
+        Ok(DetectorStep {
+            rows: self.whitening.present(),
+            chi_square: of(&self.whitened),
+            chi_square_without: of(&self.search.residual_without),
+            chi_square_rest: self.search.best.rest,
+            blamed,
+        })
+    }
+
+    /// Touches of the last frame, in no order.
+    pub fn touches(&self) -> &[DetectedTouch] {
+        &self.touches
+    }
+
+    /// What the next frame is held against, volts, `[measurement]`; values of measurements that are
+    /// not used stay as they were.
+    pub fn reference_v(&self) -> &[f64] {
+        &self.reference_v
+    }
+
+    /// Sets the reference of one measurement: it has come back and nobody knows where it was.
+    pub fn set_reference(&mut self, measurement: usize, value_v: f64) {
+        if value_v.is_finite() && measurement < self.reference_v.len() {
+            self.reference_v[measurement] = value_v;
+        }
+    }
+
+    /// What the last frame's touches do to a measurement, volts.
+    pub fn touch_of(&self, measurement: usize) -> f64 {
+        let row = self.rows.of.iter().position(|pair| pair.contains(&measurement));
+        row.map_or(0.0, |row| self.rows.ratio[measurement] * self.touch_v[row])
+    }
+
+    /// Rows: measurements that count, a measurement and its reciprocal being one.
+    pub fn rows(&self) -> usize {
+        self.whitening.rows()
+    }
+
+    /// Places at which touches are sought, and how many of them the present rows can see.
+    pub fn places(&self) -> (usize, usize) {
+        (self.places.len(), self.dictionary.seen())
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &DetectorSettings {
+        &self.settings
+    }
+
+    /// Checks a frame and folds its differences into rows.
+    fn take(
+        &mut self,
+        frame: &[f64],
+        is_missing: impl Fn(usize) -> bool,
+        dt_s: f64,
+    ) -> Result<(), InverseError> {
+        check_length("frame", frame.len(), self.reference_v.len())?;
+        if !(dt_s > 0.0 && dt_s.is_finite()) {
+            let (quantity, must) = ("time since the last frame", "finite and above zero");
+            return Err(InverseError::OutOfRange { quantity, value: dt_s, must });
+        }
+        for &measurement in self.rows.of.iter().flatten() {
+            let value = frame[measurement];
+            if !value.is_finite() && !is_missing(measurement) {
+                return Err(InverseError::NonFiniteData { frame: 0, measurement, value });
+            }
+        }
+        for (i, missing) in self.is_missing.iter_mut().enumerate() {
+            *missing = is_missing(i) || !frame[i].is_finite();
+            self.difference[i] = if *missing { 0.0 } else { frame[i] - self.reference_v[i] };
+        }
+        let Self { rows, difference, is_missing, folded, lost, .. } = self;
+        rows.fold_present(difference, is_missing, folded, lost);
+        Ok(())
+    }
+
+    /// The electrode whose gain explains the frame, before or after touches, far better than they.
+    fn blamed(&mut self) -> Option<usize> {
+        let n = self.rows.of.len();
+        let left = self.search.best.rest;
+        let without = dot(&self.search.residual_without, &self.search.residual_without);
+        if left <= BLAME_FROM * self.whitening.present() as f64 || left <= 0.1 * without {
+            return None;
+        }
+        let mut blamed = None;
+        for residual in [&self.search.residual_without, &self.search.residual] {
+            let whole = dot(residual, residual);
+            let mut least = (0.5 * left).min((1.0 - BLAME) * whole);
+            for (electrode, gain) in self.gains.chunks_exact(n).enumerate() {
+                self.gain_of.copy_from_slice(gain);
+                self.whitening.project(&mut self.gain_of);
+                let square = dot(&self.gain_of, &self.gain_of);
+                if square < 1e-6 {
+                    continue;
+                }
+                let rest = whole - dot(&self.gain_of, residual).powi(2) / square;
+                if rest < least {
+                    (least, blamed) = (rest, Some(electrode));
+                }
+            }
+        }
+        blamed
+    }
+
+    fn report(&mut self) {
+        let (sign, gain) = (self.settings.sign.factor(), self.whitening.present().max(1) as f64);
+        let Self { search, places, dictionary, touches, .. } = self;
+        touches.clear();
+        let best = &search.best;
+        for (k, spot) in best.spots.iter().enumerate() {
+            touches.push(DetectedTouch {
+                position_m: spot.position_m,
+                position_covariance_m2: [[0.0; 3]; 3],
+                strength_s_m2: sign * best.strengths[k],
+                strength_std_s_m2: 0.0,
+                peak_s: sign * best.strengths[k] * dictionary.top(spot.place),
+                worth: best.worth[k],
+            });
+        }
+        let excess = (best.rest / gain).max(1.0);
+        let homes: [usize; 16] =
+            std::array::from_fn(|k| best.spots.get(k).map_or(0, |spot| spot.place));
+        search.covariances(|k, strength, [a, b, c, d]| {
+            let plane = [[excess * a, excess * b], [excess * c, excess * d]];
+            touches[k].position_covariance_m2 = in_space(plane, places.at[homes[k]].tangents);
+            touches[k].strength_std_s_m2 = (excess * strength).sqrt();
+        });
+    }
+
+    /// Moves reference and memory on.
+    fn follow(&mut self, dt_s: f64) {
+        let best = &self.search.best;
+        let is_touched = !best.spots.is_empty();
+        self.touch_v.fill(0.0);
+        self.memory_v.fill(0.0);
+        for (spot, strength) in best.spots.iter().zip(&best.strengths) {
+            self.dictionary.add_volts(spot, *strength, &mut self.touch_v);
+        }
+        if is_touched {
+            // what memory explains must not creep into the reference while it is not told from touches
+            self.memory.add_volts(&best.shares, &mut self.memory_v);
+        }
+        let time_s = if is_touched { self.settings.touched_s } else { self.settings.idle_s };
+        let weight = -(-dt_s / time_s).exp_m1();
+        for (row, pair) in self.rows.of.iter().enumerate() {
+            let explained = self.touch_v[row] + self.memory_v[row];
+            let [first, second] = *pair;
+            for i in [first, second].into_iter().take(if first == second { 1 } else { 2 }) {
+                if !self.is_missing[i] {
+                    let rest = self.difference[i] - self.rows.ratio[i] * explained;
+                    self.reference_v[i] += weight * rest;
+                }
+            }
+        }
+        let fade = if is_touched { 0.0 } else { weight };
+        let touches = best.spots.iter().copied().zip(best.strengths.iter().copied());
+        self.memory.take(&self.touch_v, touches, dt_s, fade, &self.dictionary, &self.settings);
+        let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
+        self.late_s_m2 = strongest.max(self.late_s_m2 * (-dt_s / self.settings.late_s).exp());
+    }
+}
+
+fn check(model: &DetectorModel<'_>) -> Result<(), InverseError> {
+    let DetectorModel { surface, jacobian, unknowns, .. } = model;
+    let (measurements, elements) = jacobian.dim();
+    check_length("Jacobian columns", elements, surface.triangles().len())?;
+    check_length("model_v", model.model_v.len(), measurements)?;
+    check_length("rows of the unknowns", unknowns.nrows(), measurements)?;
+    check_length("reference_v", model.reference_v.len(), measurements)?;
+    check_length("noise_std_v", model.noise_std_v.len(), measurements)?;
+    check_length("used", model.used.len(), measurements)?;
+    check_length("reciprocal", model.reciprocal.len(), measurements)?;
+    for i in (0..measurements).filter(|&i| model.used[i]) {
+        let value = model.reference_v[i];
+        if !value.is_finite() {
+            return Err(InverseError::NonFiniteReference { measurement: i, value });
+        }
+        if let Some(element) = unknowns.row(i).iter().position(|v| !v.is_finite()) {
+            let value = unknowns[(i, element)];
+            return Err(InverseError::NonFiniteJacobian { measurement: i, element, value });
+        }
+    }
+    let stray = model.of_electrode.iter().flatten().find(|&&i| i >= measurements);
+    match stray {
+        Some(&measurement) => Err(InverseError::UnknownMeasurement { measurement, measurements }),
+        None => Ok(()),
+    }
+}
+
+/// What a gain of each electrode does: its measurements' reference, whitened.
+fn gains(model: &DetectorModel<'_>, rows: &Rows, whitening: &Whitening) -> Vec<f64> {
+    let n = rows.of.len();
+    let mut gains = vec![0.0; model.of_electrode.len() * n];
+    let mut values = vec![0.0; model.used.len()];
+    let mut folded = vec![0.0; n];
+    for (measurements, gain) in model.of_electrode.iter().zip(gains.chunks_exact_mut(n)) {
+        values.fill(0.0);
+        let used = measurements.iter().filter(|&&i| model.used[i]);
+        used.for_each(|&i| values[i] = model.reference_v[i]);
+        rows.fold(&values, &mut folded);
+        whitening.apply(&folded, gain);
+        let length = dot(gain, gain).sqrt().max(f64::MIN_POSITIVE);
+        gain.iter_mut().for_each(|g| *g /= length);
+    }
+    gains
+}

@@ -1,0 +1,217 @@
+//! What a touch at each place does to the rows.
+
+use super::places::{Places, Spot};
+use super::rows::Rows;
+use super::settings::DetectorSettings;
+use super::whitening::{Whitening, dot};
+use crate::InverseError;
+use eit_mesh::Surface;
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
+use ndarray::ArrayRef2;
+
+/// The tail of the bell, `TAIL exp(-d / TAIL_RADII radius)`: fabric spreads what a finger presses.
+const TAIL: f64 = 0.05;
+const TAIL_RADII: f64 = 12.0 / 7.0;
+
+/// Radii beyond which the bell is zero: the tail is 2e-3 of the top there.
+const REACH_RADII: f64 = 5.5;
+
+/// Places that one product of matrices takes at once.
+const AT_ONCE: usize = 128;
+
+/// Places whose squared sensitivity is below this part of the median's are blind.
+const BLIND: f64 = 0.02;
+
+/// Of each place: the change of the rows by a touch of 1 S m^2 and its derivatives along the skin.
+///
+/// The bell is `g(d) = exp(-(d / radius)^2) + tail`, divided by its integral over the skin.
+#[derive(Debug, Clone)]
+pub(super) struct Dictionary {
+    rows: usize,
+    /// Volts, `[place][value, along 1, along 2][row]`, of the model: without the rows' ratios.
+    volts: Vec<f64>,
+    /// Whitened values, `[place][row]`, lost rows taken for present.
+    values: Vec<f64>,
+    /// Whitened derivatives, `[place][along 1, along 2][row]`.
+    slopes: Vec<f64>,
+    /// Squared length of the whitened values without the lost rows.
+    squared: Vec<f64>,
+    squared_of_all: Vec<f64>,
+    sees: Vec<bool>,
+    /// Top of a touch of 1 S m^2, 1 / m^2.
+    tops: Vec<f64>,
+}
+
+impl Dictionary {
+    pub(super) fn new(
+        surface: &Surface,
+        jacobian: &ArrayRef2<f64>,
+        places: &Places,
+        rows: &Rows,
+        whitening: &Whitening,
+        settings: &DetectorSettings,
+    ) -> Result<Self, InverseError> {
+        let n = rows.of.len();
+        let radius_m = settings.radius_m.max(1.4 * places.spacing_m);
+        let (mut volts, tops) = columns(surface, jacobian, places, rows, radius_m);
+        // voltages g times the model's are those of a sheet of 1 / g of its conductivity, whose
+        // derivatives are g^2 times the model's: once in the ratios, once here
+        let factor = settings.sign.factor() * rows.gain().abs();
+        volts.iter_mut().for_each(|v| *v *= factor);
+        if let Some(at) = volts.iter().position(|v| !v.is_finite()) {
+            let (measurement, element) = (rows.of[at % n][0], 0);
+            return Err(InverseError::NonFiniteJacobian { measurement, element, value: volts[at] });
+        }
+        let (mut values, mut slopes) = (vec![0.0; places.len() * n], vec![0.0; 2 * places.len() * n]);
+        let mut scaled = vec![0.0; n];
+        let ratios: Vec<f64> = (0..n).map(|row| rows.ratio_of_row(row)).collect();
+        for (k, column) in volts.chunks_exact(n).enumerate() {
+            scaled.iter_mut().zip(column).zip(&ratios).for_each(|((s, v), r)| *s = r * v);
+            let (place, part) = (k / 3, k % 3);
+            let target = match part {
+                0 => &mut values[place * n..(place + 1) * n],
+                _ => &mut slopes[(2 * place + part - 1) * n..(2 * place + part) * n],
+            };
+            whitening.apply(&scaled, target);
+        }
+        let squared: Vec<f64> = values.chunks_exact(n).map(|v| dot(v, v)).collect();
+        let squared_of_all = squared.clone();
+        let sees = vec![true; places.len()];
+        let mut made =
+            Self { rows: n, volts, values, slopes, squared, squared_of_all, sees, tops };
+        made.look();
+        Ok(made)
+    }
+
+    /// Rows were lost or came back.
+    pub(super) fn update(&mut self, whitening: &Whitening) {
+        self.squared.copy_from_slice(&self.squared_of_all);
+        for direction in whitening.directions() {
+            let places = self.squared.iter_mut().zip(self.values.chunks_exact(self.rows));
+            places.for_each(|(squared, value)| *squared -= dot(direction, value).powi(2));
+        }
+        self.look();
+    }
+
+    /// Which places are not blind.
+    fn look(&mut self) {
+        let mut sorted = self.squared.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let least = (BLIND * sorted[sorted.len() / 2]).max(f64::MIN_POSITIVE);
+        // rounding leaves a little of what is lost
+        self.sees.iter_mut().zip(&self.squared).zip(&self.squared_of_all).for_each(
+            |((sees, squared), whole)| *sees = *squared > least.max(1e-9 * whole),
+        );
+    }
+
+    /// Places that are not blind.
+    pub(super) fn seen(&self) -> usize {
+        self.sees.iter().filter(|sees| **sees).count()
+    }
+
+    /// Fall of chi^2 by a touch of positive strength at a place, alone; zero where blind.
+    /// `residual` is orthogonal to lost rows.
+    pub(super) fn gain(&self, place: usize, residual: &[f64]) -> f64 {
+        if !self.sees[place] {
+            return 0.0;
+        }
+        let product = dot(&self.values[place * self.rows..(place + 1) * self.rows], residual);
+        if product > 0.0 { product * product / self.squared[place] } else { 0.0 }
+    }
+
+    /// Whitened change at a spot and its two derivatives, one after the other, without lost rows.
+    pub(super) fn whitened(&self, spot: &Spot, whitening: &Whitening, out: &mut [f64]) {
+        let n = self.rows;
+        let slopes = &self.slopes[2 * spot.place * n..2 * (spot.place + 1) * n];
+        let value = &self.values[spot.place * n..(spot.place + 1) * n];
+        let [a, b] = spot.step_m;
+        for i in 0..n {
+            out[i] = value[i] + a * slopes[i] + b * slopes[n + i];
+        }
+        out[n..3 * n].copy_from_slice(slopes);
+        out.chunks_exact_mut(n).for_each(|column| whitening.project(column));
+    }
+
+    /// Change of the rows at a spot, volts for 1 S m^2 in the model: without the rows' ratios.
+    pub(super) fn add_volts(&self, spot: &Spot, strength_s_m2: f64, out: &mut [f64]) {
+        let n = self.rows;
+        let all = &self.volts[3 * spot.place * n..3 * (spot.place + 1) * n];
+        let [a, b] = spot.step_m;
+        for (i, out) in out.iter_mut().enumerate() {
+            *out += strength_s_m2 * (all[i] + a * all[n + i] + b * all[2 * n + i]);
+        }
+    }
+
+    /// Top of a touch of 1 S m^2 at a place, 1 / m^2.
+    pub(super) fn top(&self, place: usize) -> f64 {
+        self.tops[place]
+    }
+}
+
+/// `[place][value, along 1, along 2][row]` and the tops.
+fn columns(
+    surface: &Surface,
+    jacobian: &ArrayRef2<f64>,
+    places: &Places,
+    rows: &Rows,
+    radius_m: f64,
+) -> (Vec<f64>, Vec<f64>) {
+    let (n, elements) = (rows.of.len(), surface.triangles().len());
+    // [row, element]
+    let folded = Mat::from_fn(n, elements, |row, e| {
+        let [i, j] = rows.of[row];
+        0.5 * (jacobian[(i, e)] + jacobian[(j, e)])
+    });
+    let centroids = surface.centroids();
+    let areas = surface.areas_m2();
+    let (mut volts, mut tops) = (Vec::with_capacity(places.len() * 3 * n), Vec::new());
+    for chunk in places.at.chunks(AT_ONCE) {
+        let mut bells = Mat::<f64>::zeros(elements, 3 * chunk.len());
+        for (k, place) in chunk.iter().enumerate() {
+            let (mut whole, mut slope_of_whole) = (0.0, [0.0; 2]);
+            let mut touched: Vec<(usize, [f64; 3])> = Vec::new();
+            for (e, (centroid, area)) in centroids.iter().zip(areas).enumerate() {
+                let Some(bell) = bell(centroid, place.position_m, &place.tangents, radius_m) else {
+                    continue;
+                };
+                whole += area * bell[0];
+                (0..2).for_each(|t| slope_of_whole[t] += area * bell[t + 1]);
+                touched.push((e, bell));
+            }
+            tops.push((1.0 + TAIL) / whole);
+            for (e, bell) in touched {
+                bells[(e, 3 * k)] = bell[0] / whole;
+                for t in 0..2 {
+                    bells[(e, 3 * k + t + 1)] =
+                        (bell[t + 1] - bell[0] * slope_of_whole[t] / whole) / whole;
+                }
+            }
+        }
+        let mut product = Mat::<f64>::zeros(n, bells.ncols());
+        matmul(product.as_mut(), Accum::Replace, folded.as_ref(), bells.as_ref(), 1.0, Par::Seq);
+        product.col_iter().for_each(|column| volts.extend(column.iter()));
+    }
+    (volts, tops)
+}
+
+/// The bell at a point and its derivatives along the tangents of the centre; `None` beyond its reach.
+fn bell(
+    point: &[f64; 3],
+    centre: [f64; 3],
+    tangents: &[[f64; 3]; 2],
+    radius_m: f64,
+) -> Option<[f64; 3]> {
+    let way: [f64; 3] = std::array::from_fn(|i| point[i] - centre[i]);
+    let squared: f64 = way.iter().map(|w| w * w).sum();
+    if squared > (REACH_RADII * radius_m).powi(2) {
+        return None;
+    }
+    let (d, tail_m) = (squared.sqrt(), TAIL_RADII * radius_m);
+    let core = (-squared / (radius_m * radius_m)).exp();
+    let tail = TAIL * (-d / tail_m).exp();
+    // derivative along the centre: 2 way / radius^2 and way / (d tail)
+    let per_way = 2.0 * core / (radius_m * radius_m) + tail / (tail_m * d.max(0.1 * radius_m));
+    let along = |t: usize| per_way * (0..3).map(|i| way[i] * tangents[t][i]).sum::<f64>();
+    Some([core + tail, along(0), along(1)])
+}

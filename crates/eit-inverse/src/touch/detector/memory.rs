@@ -1,0 +1,202 @@
+//! What the fabric remembers of touches: settling after a change of load, and hysteresis where it was
+//! pressed.
+
+use super::dictionary::Dictionary;
+use super::places::Spot;
+use super::rows::Rows;
+use super::settings::DetectorSettings;
+use super::whitening::{Whitening, dot};
+
+/// Memories whose whitened squared length is below this explain nothing.
+const FAINT: f64 = 1.0;
+
+/// A touch that has gone less far than this has not moved, metres.
+const STILL_M: f64 = 3e-3;
+
+/// Width of the bell as a part of its radius: a sliding touch lays its strength down once for each.
+const WIDTH_RADII: f64 = 1.77;
+
+/// A touch this near to one of the frame before is that one, metres.
+const SAME_M: f64 = 0.03;
+
+/// Part of a trail that is left when it is forgotten.
+const FORGOTTEN: f64 = 1e-3;
+
+/// Columns of the fabric's memory in volts of the model's rows, and how much of each is possible.
+///
+/// Settling: the signal of the touches through a low pass of each time constant; after a lift a small
+/// part of it remains, with the opposite sign in the sheet's model. Trails: what each press or stroke
+/// has laid down at most; hysteresis leaves a small part.
+#[derive(Debug, Clone)]
+pub(super) struct Memory {
+    rows: usize,
+    settling: [Vec<f64>; 2],
+    trails: Vec<Vec<f64>>,
+    /// Length or presses that each trail holds, in widths of the bell; 0: free.
+    laid: Vec<f64>,
+    current: usize,
+    /// Where each touch was laid down last, and with what strength.
+    pressed: Vec<(Spot, f64)>,
+    next: Vec<(Spot, f64)>,
+    /// Whitened columns that are not faint, without lost rows.
+    pub(super) whitened: Vec<f64>,
+    /// Bounds of their shares.
+    pub(super) bounds: Vec<[f64; 2]>,
+    /// Which memory each is: settling first.
+    kept: Vec<usize>,
+    scaled: Vec<f64>,
+}
+
+impl Memory {
+    pub(super) fn new(rows: usize, settings: &DetectorSettings) -> Self {
+        let trails = if settings.trail_share > 0.0 { settings.trails } else { 0 };
+        let most = 2 + trails;
+        Self {
+            rows,
+            settling: [vec![0.0; rows], vec![0.0; rows]],
+            trails: vec![vec![0.0; rows]; trails],
+            laid: vec![0.0; trails],
+            current: 0,
+            pressed: Vec::with_capacity(settings.max_touches),
+            next: Vec::with_capacity(settings.max_touches),
+            whitened: Vec::with_capacity(most * rows),
+            bounds: Vec::with_capacity(most),
+            kept: Vec::with_capacity(most),
+            scaled: vec![0.0; rows],
+        }
+    }
+
+    pub(super) fn columns(&self) -> usize {
+        self.kept.len()
+    }
+
+    /// Whitens what may explain a part of the next frame.
+    pub(super) fn prepare(
+        &mut self,
+        rows: &Rows,
+        whitening: &Whitening,
+        settings: &DetectorSettings,
+    ) {
+        self.whitened.clear();
+        self.bounds.clear();
+        self.kept.clear();
+        for k in 0..2 + self.trails.len() {
+            let (column, bounds) = match k {
+                0 | 1 if settings.settling_share == 0.0 => continue,
+                0 | 1 => (&self.settling[k], [-settings.settling_share, SETTLING_AGAINST]),
+                _ if self.laid[k - 2] == 0.0 => continue,
+                _ => (&self.trails[k - 2], [0.0, settings.trail_share]),
+            };
+            for (row, scaled) in self.scaled.iter_mut().enumerate() {
+                *scaled = rows.ratio_of_row(row) * column[row];
+            }
+            let from = self.whitened.len();
+            self.whitened.resize(from + self.rows, 0.0);
+            let target = &mut self.whitened[from..];
+            whitening.apply(&self.scaled, target);
+            whitening.project(target);
+            if dot(target, target) > FAINT {
+                self.kept.push(k);
+                self.bounds.push(bounds);
+            } else {
+                self.whitened.truncate(from);
+            }
+        }
+    }
+
+    /// Adds what memories of these shares are, volts of the model's rows.
+    pub(super) fn add_volts(&self, shares: &[f64], out: &mut [f64]) {
+        for (&k, share) in self.kept.iter().zip(shares) {
+            let column = if k < 2 { &self.settling[k] } else { &self.trails[k - 2] };
+            out.iter_mut().zip(column).for_each(|(out, c)| *out += share * c);
+        }
+    }
+
+    /// Takes the touches of a frame: `touch` is their signal in volts of the model's rows. `fade` is
+    /// the part of trails that the reference has taken over.
+    pub(super) fn take(
+        &mut self,
+        touch: &[f64],
+        touches: impl Iterator<Item = (Spot, f64)>,
+        dt_s: f64,
+        fade: f64,
+        dictionary: &Dictionary,
+        settings: &DetectorSettings,
+    ) {
+        for (memory, time_s) in self.settling.iter_mut().zip(settings.settling_s) {
+            let weight = -(-dt_s / time_s).exp_m1();
+            memory.iter_mut().zip(touch).for_each(|(m, t)| *m += weight * (t - *m));
+        }
+        for (trail, laid) in self.trails.iter_mut().zip(&mut self.laid) {
+            if *laid == 0.0 || fade == 0.0 {
+                continue;
+            }
+            trail.iter_mut().for_each(|v| *v *= 1.0 - fade);
+            *laid *= 1.0 - fade;
+            if *laid < FORGOTTEN {
+                trail.fill(0.0);
+                *laid = 0.0;
+            }
+        }
+        self.next.clear();
+        for (spot, strength) in touches {
+            self.lay(spot, strength, dictionary, settings);
+        }
+        std::mem::swap(&mut self.pressed, &mut self.next);
+    }
+
+    /// What one touch lays down: its peak where it stays, its strength once for each width it goes.
+    fn lay(
+        &mut self,
+        spot: Spot,
+        strength: f64,
+        dictionary: &Dictionary,
+        settings: &DetectorSettings,
+    ) {
+        use crate::geometry::distance_m;
+        let way = |p: &(Spot, f64)| distance_m(p.0.position_m, spot.position_m);
+        let nearest = self.pressed.iter().min_by(|a, b| way(a).total_cmp(&way(b)));
+        let (from, before) = match nearest {
+            Some(last) if way(last) < SAME_M => *last,
+            _ => (spot, 0.0),
+        };
+        let moved = distance_m(from.position_m, spot.position_m);
+        let width_m = WIDTH_RADII * settings.radius_m;
+        let (part, kept) = if moved > STILL_M {
+            ((moved / width_m).min(1.0), (spot, strength))
+        } else if strength > before {
+            (1.0 - before / strength, (from, strength))
+        } else {
+            (0.0, (from, before))
+        };
+        self.next.push(kept);
+        if part == 0.0 || self.trails.is_empty() {
+            return;
+        }
+        if self.laid[self.current] >= settings.trail_widths && self.trails.len() > 1 {
+            self.rotate();
+        }
+        let trail = &mut self.trails[self.current];
+        dictionary.add_volts(&spot, strength * part, trail);
+        self.laid[self.current] += part;
+    }
+
+    /// The oldest trail joins the next oldest, and its room is the new one's.
+    fn rotate(&mut self) {
+        let count = self.trails.len();
+        let next = (self.current + 1) % count;
+        let oldest = std::mem::take(&mut self.trails[next]);
+        if self.laid[next] > 0.0 {
+            let heir = (next + 1) % count;
+            self.trails[heir].iter_mut().zip(&oldest).for_each(|(h, o)| *h += o);
+            self.laid[heir] += self.laid[next];
+        }
+        self.trails[next] = oldest;
+        self.trails[next].fill(0.0);
+        self.laid[next] = 0.0;
+        self.current = next;
+    }
+}
+
+/// How much of settling with the sign of the touch is possible.
+const SETTLING_AGAINST: f64 = 0.02;

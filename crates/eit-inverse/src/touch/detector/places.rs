@@ -1,0 +1,107 @@
+//! Places of a skin at which touches are sought, and steps from them.
+
+use crate::geometry::distance_m;
+use crate::touch::skin::{Place, nearest_in, nearest_of, tangents};
+use eit_mesh::Surface;
+use std::collections::HashMap;
+
+type Point = [f64; 3];
+
+/// More places than this cost more than they find.
+const MOST_PLACES: f64 = 2000.0;
+
+/// Spread places with the triangles around each.
+#[derive(Debug, Clone)]
+pub(super) struct Places {
+    pub(super) at: Vec<Place>,
+    /// Triangles near each place: `near[starts[k]..starts[k + 1]]`, as corners.
+    near: Vec<[Point; 3]>,
+    starts: Vec<usize>,
+    /// Distance that neighbouring places have at least, metres.
+    pub(super) spacing_m: f64,
+}
+
+/// A place on the skin as a step from the nearest of the [`Places`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Spot {
+    pub(super) place: usize,
+    /// Along the place's tangents, metres.
+    pub(super) step_m: [f64; 2],
+    pub(super) position_m: Point,
+}
+
+impl Places {
+    /// Centroids of triangles, each at least `spacing_m` from all others; sparser on a large skin.
+    pub(super) fn new(surface: &Surface, spacing_m: f64) -> Self {
+        let area: f64 = surface.areas_m2().iter().sum();
+        let spacing_m = spacing_m.max((area / MOST_PLACES).sqrt());
+        let centroids = surface.centroids();
+        let cell = |p: Point| p.map(|x| (x / spacing_m).floor() as i64);
+        let around = |c: [i64; 3]| {
+            (0..27).map(move |k: i64| [c[0] + k % 3 - 1, c[1] + k / 3 % 3 - 1, c[2] + k / 9 - 1])
+        };
+        let mut taken: HashMap<[i64; 3], Vec<Point>> = HashMap::new();
+        let mut at = Vec::new();
+        for (triangle, &centroid) in centroids.iter().enumerate() {
+            let home = cell(centroid);
+            let is_free = around(home)
+                .filter_map(|c| taken.get(&c))
+                .flatten()
+                .all(|other| distance_m(*other, centroid) >= spacing_m);
+            if is_free {
+                taken.entry(home).or_default().push(centroid);
+                at.push(Place {
+                    position_m: centroid,
+                    distance_m: 0.0,
+                    tangents: tangents(surface.corners(triangle)),
+                });
+            }
+        }
+        let mut of_cell: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
+        for (triangle, &centroid) in centroids.iter().enumerate() {
+            of_cell.entry(cell(centroid)).or_default().push(triangle);
+        }
+        let (mut near, mut starts) = (Vec::new(), vec![0]);
+        for place in &at {
+            let triangles = around(cell(place.position_m)).filter_map(|c| of_cell.get(&c));
+            near.extend(triangles.flatten().map(|&t| surface.corners(t)));
+            starts.push(near.len());
+        }
+        Self { at, near, starts, spacing_m }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.at.len()
+    }
+
+    /// A place itself.
+    pub(super) fn spot(&self, place: usize) -> Spot {
+        Spot { place, step_m: [0.0; 2], position_m: self.at[place].position_m }
+    }
+
+    /// The place on the skin nearest to a step along the tangents from a spot's place.
+    pub(super) fn moved(&self, from: &Spot, step_m: [f64; 2]) -> Spot {
+        let Place { position_m, tangents, .. } = &self.at[from.place];
+        let step = [0, 1].map(|k| from.step_m[k] + step_m[k]);
+        self.nearest(std::array::from_fn(|i| {
+            position_m[i] + step[0] * tangents[0][i] + step[1] * tangents[1][i]
+        }))
+    }
+
+    /// The place on the skin nearest to a point that is near it.
+    pub(super) fn nearest(&self, point_m: Point) -> Spot {
+        let squared = |p: &Place| (0..3).map(|i| (p.position_m[i] - point_m[i]).powi(2)).sum::<f64>();
+        let (mut place, mut least) = (0, f64::INFINITY);
+        for (k, candidate) in self.at.iter().enumerate() {
+            let distance = squared(candidate);
+            if distance < least {
+                (place, least) = (k, distance);
+            }
+        }
+        let triangles = &self.near[self.starts[place]..self.starts[place + 1]];
+        let position_m = nearest_of(triangles.iter().map(|c| nearest_in(*c, point_m)), point_m);
+        let Place { position_m: home, tangents, .. } = &self.at[place];
+        let along = |t: &Point| (0..3).map(|i| t[i] * (position_m[i] - home[i])).sum();
+        Spot { place, step_m: [along(&tangents[0]), along(&tangents[1])], position_m }
+    }
+}

@@ -1,0 +1,288 @@
+//! Which touches a frame holds: found one by one, fitted together, each held to its worth.
+
+use super::dictionary::Dictionary;
+use super::least_squares::SmallSystem;
+use super::memory::Memory;
+use super::places::{Places, Spot};
+use super::settings::DetectorSettings;
+use super::whitening::{Whitening, dot};
+use crate::geometry::distance_m;
+
+/// Gauss-Newton steps of each fit; starts are half a spacing away at most.
+const STEPS: usize = 4;
+
+/// Damping of those steps, relative to each unknown's own curvature.
+const DAMPING: f64 = 1e-3;
+
+/// Part of the rest that a touch must explain to be looked at.
+const EXPLAINS: f64 = 0.04;
+
+/// The rest of a frame never counts as less than this for each row: nuisance parameters are wide.
+const LEAST_REST: f64 = 0.3;
+
+/// Factor by which the rest must fall for each touch of the way there.
+const PRICE: f64 = 1.6;
+
+/// Touches nearer than this part of the least distance are one.
+const MERGE: f64 = 0.7;
+
+/// Touches that explain a frame together.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Fit {
+    pub(super) spots: Vec<Spot>,
+    pub(super) strengths: Vec<f64>,
+    /// Of the memory's columns.
+    pub(super) shares: Vec<f64>,
+    /// Squared length of what is left.
+    pub(super) rest: f64,
+    /// Factor by which that grows without each touch.
+    pub(super) worth: Vec<f64>,
+}
+
+impl Fit {
+    fn copy_from(&mut self, other: &Self) {
+        self.spots.clone_from(&other.spots);
+        self.strengths.clone_from(&other.strengths);
+        self.shares.clone_from(&other.shares);
+        self.worth.clone_from(&other.worth);
+        self.rest = other.rest;
+    }
+}
+
+/// What a search needs of the skin.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scene<'a> {
+    pub(super) places: &'a Places,
+    pub(super) dictionary: &'a Dictionary,
+    pub(super) whitening: &'a Whitening,
+    pub(super) memory: &'a Memory,
+    pub(super) settings: &'a DetectorSettings,
+    /// Strongest touch of late, S m^2.
+    pub(super) late_s_m2: f64,
+}
+
+/// Memory of a search; allocates nothing once made.
+#[derive(Debug, Clone)]
+pub(super) struct Search {
+    rows: usize,
+    /// `[touch][value, along 1, along 2][row]`.
+    columns: Vec<f64>,
+    /// Slopes times strengths, `[touch][along 1, along 2][row]`.
+    slopes: Vec<f64>,
+    pub(super) residual: Vec<f64>,
+    /// What is left without any touch.
+    pub(super) residual_without: Vec<f64>,
+    system: SmallSystem,
+    trial: Fit,
+    path: Fit,
+    pub(super) best: Fit,
+}
+
+impl Search {
+    pub(super) fn new(rows: usize, settings: &DetectorSettings) -> Self {
+        let most = settings.max_touches;
+        Self {
+            rows,
+            columns: vec![0.0; 3 * most * rows],
+            slopes: vec![0.0; 2 * most * rows],
+            residual: vec![0.0; rows],
+            residual_without: vec![0.0; rows],
+            system: SmallSystem::new(3 * most + 2 + settings.trails),
+            trial: Fit::default(),
+            path: Fit::default(),
+            best: Fit::default(),
+        }
+    }
+
+    /// Finds the touches of whitened data `y` without lost rows: [`best`](Self::best).
+    pub(super) fn run(&mut self, scene: &Scene<'_>, y: &[f64]) {
+        let least = LEAST_REST * scene.whitening.present() as f64;
+        self.forward(scene, y, least);
+        self.backward(scene, y, least);
+    }
+
+    /// Greedy: the place of the largest gain joins, all are fitted anew. Of this path the number of
+    /// touches with the least `ln(rest) + touches ln(price)` is kept.
+    fn forward(&mut self, scene: &Scene<'_>, y: &[f64], least: f64) {
+        let mut path = std::mem::take(&mut self.path);
+        let mut trial = std::mem::take(&mut self.trial);
+        path.spots.clear();
+        self.fit(scene, y, &mut path);
+        self.residual_without.copy_from_slice(&self.residual);
+        self.best.copy_from(&path);
+        let mut least_cost = path.rest.max(least).ln();
+        while path.spots.len() < scene.settings.max_touches {
+            let Some(place) = self.next_place(scene, &path) else { break };
+            trial.copy_from(&path);
+            trial.spots.push(scene.places.spot(place));
+            self.fit(scene, y, &mut trial);
+            if trial.rest.max(least) > (1.0 - EXPLAINS) * path.rest {
+                break;
+            }
+            std::mem::swap(&mut path, &mut trial);
+            let cost = path.rest.max(least).ln() + path.spots.len() as f64 * PRICE.ln();
+            if cost < least_cost {
+                least_cost = cost;
+                self.best.copy_from(&path);
+            }
+        }
+        (self.path, self.trial) = (path, trial);
+    }
+
+    /// Where a further touch would explain most of what is left.
+    fn next_place(&self, scene: &Scene<'_>, path: &Fit) -> Option<usize> {
+        let (mut best, mut most) = (None, scene.settings.least_gain);
+        for place in 0..scene.places.len() {
+            let gain = scene.dictionary.gain(place, &self.residual);
+            if gain < most {
+                continue;
+            }
+            let at = scene.places.at[place].position_m;
+            let apart = scene.settings.apart_m;
+            if path.spots.iter().all(|s| distance_m(s.position_m, at) >= apart) {
+                (best, most) = (Some(place), gain);
+            }
+        }
+        best
+    }
+
+    /// Drops the touch of least worth among those that are not worth enough, too faint or too near a
+    /// stronger one; fits the others anew; again.
+    fn backward(&mut self, scene: &Scene<'_>, y: &[f64], least: f64) {
+        let mut best = std::mem::take(&mut self.best);
+        // the residual of the best, not of the last of the path
+        self.fit_strengths(scene, y, &mut best);
+        loop {
+            self.weigh(scene, y, &mut best, least);
+            let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
+            let settings = scene.settings;
+            let faint = settings
+                .least_s_m2
+                .max(settings.least_share * strongest)
+                .max(settings.least_share_of_late * scene.late_s_m2);
+            let wrong = |&k: &usize| {
+                let gain = (best.worth[k] - 1.0) * best.rest.max(least);
+                best.worth[k] < settings.least_ratio
+                    || gain < settings.least_gain
+                    || best.strengths[k] < faint
+                    || nearest_stronger(&best, k) < MERGE * settings.apart_m
+            };
+            let worth = |k: &usize| best.worth[*k];
+            let dropped =
+                (0..best.spots.len()).filter(wrong).min_by(|a, b| worth(a).total_cmp(&worth(b)));
+            let Some(dropped) = dropped else { break };
+            best.spots.remove(dropped);
+            self.fit(scene, y, &mut best);
+        }
+        self.best = best;
+    }
+
+    /// Factor by which what is left grows without each touch, places as they are.
+    fn weigh(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit, least: f64) {
+        let (touches, size) = (fit.spots.len(), fit.spots.len() + scene.memory.columns());
+        self.set_linear(scene, y, touches);
+        let whole = dot(y, y);
+        fit.worth.clear();
+        for k in 0..touches {
+            let fall = self.system.solve_bounded(size, touches, &scene.memory.bounds, Some(k));
+            fit.worth.push((whole - fall).max(least) / fit.rest.max(least));
+        }
+    }
+
+    /// Places and strengths of all touches together.
+    fn fit(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
+        for _ in 0..STEPS {
+            if fit.spots.is_empty() {
+                break;
+            }
+            self.fit_strengths(scene, y, fit);
+            self.step(scene, fit);
+        }
+        self.fit_strengths(scene, y, fit);
+    }
+
+    /// Strengths of touches where they are, and shares of memories; what is left.
+    fn fit_strengths(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
+        let (n, touches) = (self.rows, fit.spots.len());
+        for (spot, columns) in fit.spots.iter().zip(self.columns.chunks_exact_mut(3 * n)) {
+            scene.dictionary.whitened(spot, scene.whitening, columns);
+        }
+        self.set_linear(scene, y, touches);
+        let size = touches + scene.memory.columns();
+        self.system.solve_bounded(size, touches, &scene.memory.bounds, None);
+        let (strengths, shares) = self.system.solution[..size].split_at(touches);
+        fit.strengths.clear();
+        fit.strengths.extend_from_slice(strengths);
+        fit.shares.clear();
+        fit.shares.extend_from_slice(shares);
+        self.residual.copy_from_slice(y);
+        let values = self.columns.chunks_exact(n).step_by(3);
+        let memories = scene.memory.whitened.chunks_exact(n);
+        let columns = values.zip(strengths).chain(memories.zip(shares));
+        for (column, amount) in columns {
+            self.residual.iter_mut().zip(column).for_each(|(r, c)| *r -= amount * c);
+        }
+        fit.rest = dot(&self.residual, &self.residual);
+    }
+
+    fn set_linear(&mut self, scene: &Scene<'_>, y: &[f64], touches: usize) {
+        let n = self.rows;
+        let (columns, memories) = (&self.columns, &scene.memory.whitened);
+        let column = |i: usize| match i.checked_sub(touches) {
+            None => &columns[3 * i * n..(3 * i + 1) * n],
+            Some(k) => &memories[k * n..(k + 1) * n],
+        };
+        self.system.set(column, touches + scene.memory.columns(), y);
+    }
+
+    /// One damped Gauss-Newton step of the places, at most a spacing long.
+    fn step(&mut self, scene: &Scene<'_>, fit: &mut Fit) {
+        let touches = fit.spots.len();
+        self.set_all(fit);
+        let step = self.system.solve_damped(3 * touches, DAMPING);
+        for (k, spot) in fit.spots.iter_mut().enumerate() {
+            let along = [step[touches + 2 * k], step[touches + 2 * k + 1]];
+            let length = along[0].hypot(along[1]);
+            let part = (scene.places.spacing_m / length.max(f64::MIN_POSITIVE)).min(1.0);
+            *spot = scene.places.moved(spot, along.map(|a| part * a));
+        }
+    }
+
+    /// Gram matrix of strengths and places, memories held; right-hand side is what is left.
+    fn set_all(&mut self, fit: &Fit) {
+        let (n, touches) = (self.rows, fit.spots.len());
+        for (k, strength) in fit.strengths.iter().enumerate() {
+            let from = &self.columns[(3 * k + 1) * n..(3 * k + 3) * n];
+            let to = &mut self.slopes[2 * k * n..2 * (k + 1) * n];
+            to.iter_mut().zip(from).for_each(|(t, f)| *t = strength * f);
+        }
+        let (columns, slopes) = (&self.columns, &self.slopes);
+        let column = |i: usize| match i.checked_sub(touches) {
+            None => &columns[3 * i * n..(3 * i + 1) * n],
+            Some(k) => &slopes[k * n..(k + 1) * n],
+        };
+        self.system.set(column, 3 * touches, &self.residual);
+    }
+
+    /// Variance of each touch's strength and covariance of its two steps along the skin, by
+    /// `(strength, [11, 12, 21, 22])`, in units of the noise with all nuisance parameters.
+    pub(super) fn covariances(&mut self, mut each: impl FnMut(usize, f64, [f64; 4])) {
+        let best = std::mem::take(&mut self.best);
+        let touches = best.spots.len();
+        self.set_all(&best);
+        for k in 0..touches {
+            let (mut strength, mut place) = ([0.0], [0.0; 4]);
+            self.system.inverse_block(3 * touches, k, 1, &mut strength);
+            self.system.inverse_block(3 * touches, touches + 2 * k, 2, &mut place);
+            each(k, strength[0], place);
+        }
+        self.best = best;
+    }
+}
+
+/// Distance to the nearest touch that is stronger.
+fn nearest_stronger(fit: &Fit, k: usize) -> f64 {
+    let stronger = (0..fit.spots.len()).filter(|&i| fit.strengths[i] > fit.strengths[k]);
+    let way = |i: usize| distance_m(fit.spots[i].position_m, fit.spots[k].position_m);
+    stronger.map(way).fold(f64::INFINITY, f64::min)
+}

@@ -1,0 +1,124 @@
+//! Settings of a touch detector.
+
+use crate::InverseError;
+use crate::check::check_positive;
+use crate::metrics::ChangeSign;
+
+/// Settings of [`TouchDetector`](super::TouchDetector).
+///
+/// The numbers were found on simulated presses of the paper's skin with one seed and hold on others
+/// (`docs/VALIDATION.md`). Strengths are `integral of the conductivity change over the touch`, S m^2.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DetectorSettings {
+    /// Which changes are touches. Default: increase.
+    pub sign: ChangeSign,
+    /// Spacing of the places at which touches are sought, metres. Default 5 mm; places are never
+    /// more than 2 000.
+    pub spacing_m: f64,
+    /// Radius of the bell, metres: `exp(-(d / radius)^2)` and a faint tail. Default 7 mm.
+    pub radius_m: f64,
+    /// Touches at once, 1 to 16. Default 8.
+    pub max_touches: usize,
+    /// Least distance of two touches, metres. Default 25 mm.
+    pub apart_m: f64,
+    /// Least strength of a touch, S m^2.
+    pub least_s_m2: f64,
+    /// Least strength as a part of the strongest touch of the frame. Default 0.15.
+    pub least_share: f64,
+    /// Least strength as a part of the strongest touch of late, ...  Default 0.06.
+    pub least_share_of_late: f64,
+    /// ... which fades with this time, seconds. Default 2.
+    pub late_s: f64,
+    /// Least fall of chi^2 that a touch brings, in units of the noise with all nuisance parameters.
+    /// Default 12.
+    pub least_gain: f64,
+    /// By what factor the rest of the frame must grow without a touch. Default 1.8.
+    pub least_ratio: f64,
+    /// Time with which the reference follows what touches do not explain, while nothing touches,
+    /// seconds. Default 2.
+    pub idle_s: f64,
+    /// The same while something touches. Default 5.
+    pub touched_s: f64,
+    /// Times with which the fabric settles after a change of load, seconds. Default 0.5 and 10.
+    pub settling_s: [f64; 2],
+    /// Largest part of a touch that such settling holds. Default 0.15.
+    pub settling_share: f64,
+    /// Largest part of a touch that stays where it has been, from hysteresis. Default 0.05.
+    pub trail_share: f64,
+    /// Trails that are told apart, 0 to 8: the older ones are one. Default 4.
+    pub trails: usize,
+    /// Length of a trail in widths of the bell, a press being one. Default 4.
+    pub trail_widths: f64,
+}
+
+impl DetectorSettings {
+    /// Defaults with the least strength of a touch, S m^2.
+    pub fn with_least(least_s_m2: f64) -> Self {
+        Self {
+            sign: ChangeSign::Increase,
+            spacing_m: 5e-3,
+            radius_m: 7e-3,
+            max_touches: 8,
+            apart_m: 25e-3,
+            least_s_m2,
+            least_share: 0.15,
+            least_share_of_late: 0.06,
+            late_s: 2.0,
+            least_gain: 12.0,
+            least_ratio: 1.8,
+            idle_s: 2.0,
+            touched_s: 5.0,
+            settling_s: [0.5, 10.0],
+            settling_share: 0.15,
+            trail_share: 0.05,
+            trails: 4,
+            trail_widths: 4.0,
+        }
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`InverseError::OutOfRange`].
+    pub fn validate(&self) -> Result<(), InverseError> {
+        let positive = [
+            ("spacing_m", self.spacing_m),
+            ("radius_m", self.radius_m),
+            ("apart_m", self.apart_m),
+            ("least_s_m2", self.least_s_m2),
+            ("late_s", self.late_s),
+            ("least_gain", self.least_gain),
+            ("trail_widths", self.trail_widths),
+            ("idle_s", self.idle_s),
+            ("touched_s", self.touched_s),
+            ("settling_s", self.settling_s[0]),
+            ("settling_s", self.settling_s[1]),
+        ];
+        positive.into_iter().try_for_each(|(quantity, value)| check_positive(quantity, value))?;
+        let shares = [
+            ("least_share", self.least_share),
+            ("least_share_of_late", self.least_share_of_late),
+            ("settling_share", self.settling_share),
+            ("trail_share", self.trail_share),
+        ];
+        for (quantity, value) in shares {
+            if !(0.0..1.0).contains(&value) {
+                let must = "0 or above and below 1";
+                return Err(InverseError::OutOfRange { quantity, value, must });
+            }
+        }
+        if !(self.least_ratio >= 1.0 && self.least_ratio.is_finite()) {
+            let (quantity, value) = ("least_ratio", self.least_ratio);
+            return Err(InverseError::OutOfRange { quantity, value, must: "finite, at least 1" });
+        }
+        if self.trails > 8 {
+            let (quantity, value) = ("trails", self.trails as f64);
+            return Err(InverseError::OutOfRange { quantity, value, must: "from 0 to 8" });
+        }
+        if !(1..=16).contains(&self.max_touches) {
+            let (quantity, value) = ("max_touches", self.max_touches as f64);
+            return Err(InverseError::OutOfRange { quantity, value, must: "from 1 to 16" });
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,262 @@
+//! Touches of one frame after another: which is which.
+
+use super::assign::Assignment;
+use super::contact::{Touch, TouchState};
+use super::detector::DetectedTouch;
+use super::filter::Filter;
+use crate::InverseError;
+use crate::check::check_positive;
+use crate::geometry::distance_m;
+
+/// Cost of a pair that must not be: above any sum of squared gates.
+const NEVER: f64 = 1e7;
+
+/// Settings of a [`TouchTracker`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrackerSettings {
+    /// Touches at once.
+    pub max_touches: usize,
+    /// Strength from which a touch is believed at once, S m^2.
+    pub strong_s_m2: f64,
+    /// Frames that must show a weaker one before it is reported. Default 2.
+    pub birth_frames: usize,
+    /// Frames in a row that need not show a touch before it ends; until then it is reported and not
+    /// valid. Default 1.
+    pub forgiven_frames: usize,
+    /// Farthest that a touch goes from one frame to the next, metres. Default 40 mm.
+    pub gate_m: f64,
+    /// What a place errs by beyond its covariance, metres: bell and model. Default 1 mm.
+    pub method_std_m: f64,
+    /// Acceleration of touches, root mean square, m/s^2. Default 2.
+    pub acceleration_m_s2: f64,
+    /// Velocity of touches that appear, root mean square in each coordinate, m/s. Default 0.3.
+    pub velocity_std_m_s: f64,
+    /// Largest standard deviation of a valid position in any coordinate, metres. Default 15 mm.
+    pub max_position_std_m: f64,
+}
+
+impl TrackerSettings {
+    /// Defaults with the strength from which a touch is believed at once, S m^2.
+    pub fn with_strong(strong_s_m2: f64) -> Self {
+        Self {
+            max_touches: 8,
+            strong_s_m2,
+            birth_frames: 2,
+            forgiven_frames: 1,
+            gate_m: 40e-3,
+            method_std_m: 1e-3,
+            acceleration_m_s2: 2.0,
+            velocity_std_m_s: 0.3,
+            max_position_std_m: 15e-3,
+        }
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`InverseError::OutOfRange`].
+    pub fn validate(&self) -> Result<(), InverseError> {
+        check_positive("strong_s_m2", self.strong_s_m2)?;
+        check_positive("gate_m", self.gate_m)?;
+        check_positive("method_std_m", self.method_std_m)?;
+        check_positive("acceleration_m_s2", self.acceleration_m_s2)?;
+        check_positive("velocity_std_m_s", self.velocity_std_m_s)?;
+        check_positive("max_position_std_m", self.max_position_std_m)?;
+        for (quantity, value) in
+            [("max_touches", self.max_touches), ("birth_frames", self.birth_frames)]
+        {
+            if !(1..=64).contains(&value) {
+                let must = "from 1 to 64";
+                return Err(InverseError::OutOfRange { quantity, value: value as f64, must });
+            }
+        }
+        Ok(())
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Track {
+    id: Option<u64>,
+    filter: Filter,
+    seen: DetectedTouch,
+    shown: usize,
+    missed: usize,
+    frames: u64,
+    begin: Option<(u64, f64)>,
+    matched: bool,
+    ended: bool,
+}
+
+/// Follows touches from frame to frame; allocates nothing once made.
+#[derive(Debug, Clone)]
+pub struct TouchTracker {
+    settings: TrackerSettings,
+    tracks: Vec<Track>,
+    assignment: Assignment,
+    taken: Vec<bool>,
+    next_id: u64,
+    before_s: Option<f64>,
+    frame: usize,
+    touches: Vec<Touch>,
+}
+
+impl TouchTracker {
+    /// With checked settings.
+    ///
+    /// # Errors
+    /// [`InverseError::OutOfRange`].
+    pub fn new(settings: TrackerSettings) -> Result<Self, InverseError> {
+        settings.validate()?;
+        let most = settings.max_touches.max(16);
+        Ok(Self {
+            tracks: Vec::with_capacity(2 * most),
+            assignment: Assignment::new(2 * most, 3 * most),
+            taken: Vec::with_capacity(most),
+            next_id: 1,
+            before_s: None,
+            frame: 0,
+            touches: Vec::with_capacity(2 * most),
+            settings,
+        })
+    }
+
+    /// Takes the touches of a frame at `time_s` and returns those that are followed, by ascending id;
+    /// one that ends is among them once more.
+    ///
+    /// # Errors
+    /// [`InverseError::TimeOrder`]. The tracker is then as before.
+    pub fn push(
+        &mut self,
+        found: &[DetectedTouch],
+        time_s: f64,
+    ) -> Result<&[Touch], InverseError> {
+        let before_s = self.before_s.unwrap_or(f64::NEG_INFINITY);
+        if !(time_s.is_finite() && time_s > before_s) {
+            return Err(InverseError::TimeOrder { frame: self.frame, time_s, before_s });
+        }
+        let dt = self.before_s.map_or(0.0, |before_s| time_s - before_s);
+        self.before_s = Some(time_s);
+        self.frame += 1;
+        self.tracks.retain(|track| !track.ended);
+        for track in &mut self.tracks {
+            track.filter.predict(dt, self.settings.acceleration_m_s2);
+            track.frames += 1;
+            track.matched = false;
+        }
+        self.pair(found);
+        self.end_and_begin(found);
+        self.name(time_s);
+        self.report(time_s);
+        Ok(&self.touches)
+    }
+
+    /// Touches of the last frame.
+    pub fn touches(&self) -> &[Touch] {
+        &self.touches
+    }
+
+    /// Pairs tracks and touches so that the sum of squared ways is least; named tracks first.
+    fn pair(&mut self, found: &[DetectedTouch]) {
+        let Self { tracks, assignment, settings, taken, .. } = self;
+        let (rows, count, gate) = (tracks.len(), found.len(), settings.gate_m);
+        taken.clear();
+        taken.resize(count, false);
+        let columns = assignment.solve(rows, count + rows, |row, column| match found.get(column) {
+            None if column - count == row => if tracks[row].id.is_some() { 2.0 } else { 1.0 },
+            None => NEVER,
+            Some(touch) => {
+                let way = distance_m(tracks[row].filter.position_m, touch.position_m)
+                    .min(distance_m(tracks[row].seen.position_m, touch.position_m));
+                if way <= gate { (way / gate).powi(2) } else { NEVER }
+            }
+        });
+        for (track, &column) in tracks.iter_mut().zip(columns) {
+            let Some(touch) = found.get(column) else { continue };
+            taken[column] = true;
+            track.filter.update(touch.position_m, &measured(touch, settings));
+            (track.seen, track.matched, track.missed) = (*touch, true, 0);
+            track.shown += 1;
+        }
+    }
+
+    fn end_and_begin(&mut self, found: &[DetectedTouch]) {
+        let forgiven = self.settings.forgiven_frames;
+        for track in self.tracks.iter_mut().filter(|track| !track.matched) {
+            track.missed += 1;
+            track.ended = track.missed > forgiven;
+        }
+        self.tracks.retain(|track| !track.ended || track.id.is_some());
+        let left = found.iter().zip(&self.taken).filter(|(_, taken)| !**taken);
+        for (touch, _) in left {
+            if self.tracks.len() == self.tracks.capacity() {
+                break;
+            }
+            let covariance = measured(touch, &self.settings);
+            self.tracks.push(Track {
+                id: None,
+                filter: Filter::new(touch.position_m, covariance, self.settings.velocity_std_m_s),
+                seen: *touch,
+                shown: 1,
+                missed: 0,
+                frames: 0,
+                begin: None,
+                matched: true,
+                ended: false,
+            });
+        }
+    }
+
+    /// Names those that are strong or have been shown often enough.
+    fn name(&mut self, time_s: f64) {
+        let named = self.tracks.iter().filter(|track| track.id.is_some() && !track.ended).count();
+        let mut free = self.settings.max_touches.saturating_sub(named);
+        for track in self.tracks.iter_mut().filter(|track| track.id.is_none() && track.matched) {
+            let is_sure = track.shown >= self.settings.birth_frames
+                || track.seen.strength_s_m2.abs() >= self.settings.strong_s_m2;
+            if is_sure && free > 0 {
+                track.id = Some(self.next_id);
+                track.begin = Some((track.frames, time_s));
+                self.next_id += 1;
+                free -= 1;
+            }
+        }
+    }
+
+    fn report(&mut self, time_s: f64) {
+        self.touches.clear();
+        for track in &self.tracks {
+            let (Some(id), Some((born, begin_s))) = (track.id, track.begin) else { continue };
+            let state = match (track.ended, track.frames == born) {
+                (true, _) => TouchState::End,
+                (false, true) => TouchState::Begin,
+                (false, false) => TouchState::Hold,
+            };
+            let spread = (0..3).map(|i| track.filter.pp[i][i]).fold(0.0, f64::max);
+            self.touches.push(Touch {
+                id,
+                state,
+                position_m: track.filter.position_m,
+                position_covariance_m2: track.filter.pp,
+                velocity_m_s: track.filter.velocity_m_s,
+                area_m2: None,
+                intensity_s_m2: track.seen.strength_s_m2,
+                intensity_std_s_m2: Some(track.seen.strength_std_s_m2),
+                peak_s: track.seen.peak_s,
+                confidence: 1.0,
+                age_frames: track.frames - born,
+                age_s: time_s - begin_s,
+                valid: track.missed == 0 && spread.sqrt() <= self.settings.max_position_std_m,
+                split_from: None,
+                merged_into: None,
+            });
+        }
+        self.touches.sort_unstable_by_key(|touch| touch.id);
+    }
+}
+
+/// Covariance of a place: that of the fit and the method's own error.
+fn measured(touch: &DetectedTouch, settings: &TrackerSettings) -> [[f64; 3]; 3] {
+    let mut covariance = touch.position_covariance_m2;
+    (0..3).for_each(|i| covariance[i][i] += settings.method_std_m.powi(2));
+    covariance
+}

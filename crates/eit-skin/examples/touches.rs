@@ -1,0 +1,68 @@
+//! Touches of a recording, without images: what a robot would act on, and what a frame costs.
+//!
+//! ```text
+//! cargo run --release -p eit-skin --example touches -- SCENE OUT.csv [FRAMES]
+//! ```
+
+#![allow(clippy::print_stdout, reason = "the table is this program's output")]
+
+use eit_skin::ndarray::Axis;
+use eit_skin::scene::Scene;
+use eit_skin::touches::TouchFinder;
+use eit_skin::{MeshOverride, Progress, Skin, Touch};
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let [scene, out, frames @ ..] = args.as_slice() else {
+        return Err("usage: touches SCENE OUT.csv [FRAMES]".into());
+    };
+    let mut progress = Progress::silent();
+    let begin = Instant::now();
+    let skin = Skin::set_up(&Scene::load(scene)?, &MeshOverride::default(), &mut progress)?;
+    let files: Vec<PathBuf> = frames.iter().map(PathBuf::from).collect();
+    let frames = skin.read_frames(&files, None)?;
+    let fitted = Arc::new(skin.linearise(&mut progress)?).fit(frames)?;
+    let linearised_s = begin.elapsed().as_secs_f64();
+    let rate_hz = fitted.frames.rate_hz.unwrap_or(20.0);
+    let finder = TouchFinder::new(&fitted, rate_hz, &mut progress)?;
+    let mut finder = finder.ok_or("the noise is unknown")?;
+    let made_s = begin.elapsed().as_secs_f64() - linearised_s;
+    let mut csv = std::io::BufWriter::new(std::fs::File::create(out)?);
+    writeln!(csv, "frame,id,state,x_m,y_m,z_m,intensity,valid")?;
+    let mut times = Vec::new();
+    let mut faults = Vec::new();
+    for (frame, row) in fitted.frames.values.axis_iter(Axis(0)).enumerate() {
+        let (values, good) = (row.to_vec(), fitted.frames.good.row(frame));
+        let time_s = frame as f64 / rate_hz;
+        let begin = Instant::now();
+        finder.image(&values, |i| good[i], time_s)?;
+        let touches = finder.find(time_s)?.to_vec();
+        times.push(begin.elapsed().as_secs_f64());
+        for touch in &touches {
+            let ([x, y, z], Touch { id, state, valid, .. }) = (touch.position_m, touch);
+            let state = format!("{state:?}").to_lowercase();
+            let intensity = touch.intensity_s_m2;
+            writeln!(csv, "{frame},{id},{state},{x:.6},{y:.6},{z:.6},{intensity:.4e},{valid}")?;
+        }
+        for fault in finder.faults() {
+            if !faults.contains(fault) {
+                faults.push(*fault);
+                println!("frame {frame}: electrode {} {}", fault.electrode + 1, fault.kind.words());
+            }
+        }
+    }
+    times.sort_by(f64::total_cmp);
+    let at = |part: f64| 1e3 * times[((times.len() - 1) as f64 * part) as usize];
+    println!(
+        "set-up {:.2} s and {made_s:.2} s; a frame {:.3} ms, p99 {:.3}, longest {:.3} ms",
+        linearised_s,
+        at(0.5),
+        at(0.99),
+        at(1.0)
+    );
+    Ok(())
+}
