@@ -225,9 +225,8 @@ impl FaultMonitor {
     /// By how much a measurement went in the last frames.
     fn span(&self, measurement: usize) -> f64 {
         let values = self.history.iter().map(|frame| frame[measurement]);
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-            (low.min(v), high.max(v))
-        });
+        let (low, high) = values
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         high - low
     }
 
@@ -282,8 +281,7 @@ impl FaultMonitor {
     fn wrong_part(&self, electrode: usize) -> f64 {
         let (mut wrong, mut all) = (0, 0);
         for &i in &self.of_electrode[electrode] {
-            let is_other =
-                |e: &usize| *e != electrode && self.suspects[*e].fault.is_some();
+            let is_other = |e: &usize| *e != electrode && self.suspects[*e].fault.is_some();
             if self.is_missing[i] || self.electrodes_of[i].iter().any(is_other) {
                 continue;
             }
@@ -310,9 +308,7 @@ impl FaultMonitor {
             let behaves = match fault.kind {
                 FaultKind::Contradicts => self.wrong_part(e) < 0.1,
                 FaultKind::Stuck => self.of_electrode[e].iter().any(|&i| self.span(i) > 0.0),
-                FaultKind::Flagged => {
-                    self.of_electrode[e].iter().any(|&i| !self.is_missing[i])
-                }
+                FaultKind::Flagged => self.of_electrode[e].iter().any(|&i| !self.is_missing[i]),
                 FaultKind::Drifts => (gain - before).abs() < STILL,
             };
             let suspect = &mut self.suspects[e];

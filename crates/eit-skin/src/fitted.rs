@@ -103,7 +103,8 @@ fn measured(
 ) -> Result<Vec<f64>, eit_inverse::InverseError> {
     let mut std = noise_std_of_quiet_frames(quiet.values.view())?;
     if matches!(data, DifferenceData::Normalised { .. }) {
-        for (e, (reference, used)) in std.iter_mut().zip(frames.reference.iter().zip(&frames.used)) {
+        for (e, (reference, used)) in std.iter_mut().zip(frames.reference.iter().zip(&frames.used))
+        {
             // unused ones have any reference
             if *used {
                 *e /= reference.abs();

@@ -39,6 +39,7 @@ pub use settings::DetectorSettings;
 use super::fit::in_space;
 use crate::InverseError;
 use crate::check::check_length;
+use crate::geometry::distance_m;
 use dictionary::Dictionary;
 use eit_mesh::Surface;
 use faer::Mat;
@@ -112,6 +113,9 @@ const BLAME: f64 = 0.9;
 /// Rest for each row from which electrodes are looked at.
 const BLAME_FROM: f64 = 10.0;
 
+/// Hysteresis that a touch has left is seen this far from it, metres.
+const LATE_M: f64 = 20e-3;
+
 /// Finds touches in frames; see the [module](self) text.
 #[derive(Debug, Clone)]
 pub struct TouchDetector {
@@ -125,6 +129,10 @@ pub struct TouchDetector {
     reference_v: Vec<f64>,
     /// Strongest touch of late, S m^2.
     late_s_m2: f64,
+    /// The same at each place.
+    late_here_s_m2: Vec<f64>,
+    /// Touches of the last frame, metres.
+    before_m: Vec<[f64; 3]>,
     /// Whitened gain of each electrode, `[electrode][row]`.
     gains: Vec<f64>,
     is_missing: Vec<bool>,
@@ -144,7 +152,10 @@ impl TouchDetector {
     /// # Errors
     /// Wrong lengths, settings, values of used measurements that are not finite, noise that is not
     /// above zero, nothing used.
-    pub fn new(model: &DetectorModel<'_>, settings: DetectorSettings) -> Result<Self, InverseError> {
+    pub fn new(
+        model: &DetectorModel<'_>,
+        settings: DetectorSettings,
+    ) -> Result<Self, InverseError> {
         settings.validate()?;
         check(model)?;
         let rows = Rows::new(model.reciprocal, model.used, model.reference_v, model.model_v)?;
@@ -170,6 +181,8 @@ impl TouchDetector {
             gains: gains(model, &rows, &whitening),
             reference_v: model.reference_v.to_vec(),
             late_s_m2: 0.0,
+            late_here_s_m2: vec![0.0; places.len()],
+            before_m: Vec::with_capacity(settings.max_touches),
             is_missing: vec![false; measurements],
             lost: Vec::with_capacity(n),
             difference: vec![0.0; measurements],
@@ -213,6 +226,8 @@ impl TouchDetector {
             memory: &self.memory,
             settings: &self.settings,
             late_s_m2: self.late_s_m2,
+            late_here_s_m2: &self.late_here_s_m2,
+            before_m: &self.before_m,
         };
         self.search.run(&scene, &self.whitened);
         let blamed = self.blamed();
@@ -376,7 +391,18 @@ impl TouchDetector {
         let touches = best.spots.iter().copied().zip(best.strengths.iter().copied());
         self.memory.take(&self.touch_v, touches, dt_s, fade, &self.dictionary, &self.settings);
         let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
-        self.late_s_m2 = strongest.max(self.late_s_m2 * (-dt_s / self.settings.late_s).exp());
+        self.before_m.clear();
+        self.before_m.extend(best.spots.iter().map(|spot| spot.position_m));
+        let fading = (-dt_s / self.settings.late_s).exp();
+        self.late_s_m2 = strongest.max(self.late_s_m2 * fading);
+        self.late_here_s_m2.iter_mut().for_each(|late| *late *= fading);
+        for (spot, strength) in best.spots.iter().zip(&best.strengths) {
+            for (late, place) in self.late_here_s_m2.iter_mut().zip(&self.places.at) {
+                if distance_m(place.position_m, spot.position_m) < LATE_M {
+                    *late = late.max(*strength);
+                }
+            }
+        }
     }
 }
 

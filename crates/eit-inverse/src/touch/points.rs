@@ -125,11 +125,7 @@ impl TouchTracker {
     ///
     /// # Errors
     /// [`InverseError::TimeOrder`]. The tracker is then as before.
-    pub fn push(
-        &mut self,
-        found: &[DetectedTouch],
-        time_s: f64,
-    ) -> Result<&[Touch], InverseError> {
+    pub fn push(&mut self, found: &[DetectedTouch], time_s: f64) -> Result<&[Touch], InverseError> {
         let before_s = self.before_s.unwrap_or(f64::NEG_INFINITY);
         if !(time_s.is_finite() && time_s > before_s) {
             return Err(InverseError::TimeOrder { frame: self.frame, time_s, before_s });
@@ -162,7 +158,13 @@ impl TouchTracker {
         taken.clear();
         taken.resize(count, false);
         let columns = assignment.solve(rows, count + rows, |row, column| match found.get(column) {
-            None if column - count == row => if tracks[row].id.is_some() { 2.0 } else { 1.0 },
+            None if column - count == row => {
+                if tracks[row].id.is_some() {
+                    2.0
+                } else {
+                    1.0
+                }
+            }
             None => NEVER,
             Some(touch) => {
                 let way = distance_m(tracks[row].filter.position_m, touch.position_m)

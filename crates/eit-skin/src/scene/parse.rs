@@ -24,7 +24,10 @@ const RENAMED: [(&str, &str); 2] =
 
 /// Keys of earlier versions that nothing stands for, and why.
 const GONE: [(&str, &str); 3] = [
-    ("false_alarms_per_hour", "touches are told from drift, movement and memory, not from noise alone"),
+    (
+        "false_alarms_per_hour",
+        "touches are told from drift, movement and memory, not from noise alone",
+    ),
     ("relative_floor", "each touch is held to what it explains"),
     ("prominence", "touches are fitted together; [touch] apart_m says how near two may be"),
 ];

@@ -136,9 +136,10 @@ impl TouchFinder {
         bad.extend((0..used.len()).filter(|&i| used[i] && monitor.is_missing(i)));
         let (memory, reference, pixels) = (&mut self.workspace, &self.reference, &mut self.pixels);
         match &mut self.whitening {
-            None => match self.reconstructor.reconstruct_masked_into(
-                values, reference, bad, memory, pixels,
-            ) {
+            None => match self
+                .reconstructor
+                .reconstruct_masked_into(values, reference, bad, memory, pixels)
+            {
                 // too little is left for an image; touches go on
                 Err(eit_inverse::InverseError::MaskedDominates { .. }) => pixels.fill(0.0),
                 made => {

@@ -69,8 +69,7 @@ pub(super) fn unknowns(
         return Ok(sheet);
     }
     let background = skin.skin.background_s();
-    let movement_m =
-        skin.skin.settings.reconstruction.electrode_movement_m.unwrap_or(MOVEMENT_M);
+    let movement_m = skin.skin.settings.reconstruction.electrode_movement_m.unwrap_or(MOVEMENT_M);
     let movement = match &skin.movement {
         Some(movement) => movement.clone(),
         None => displacement::jacobian(&background, &skin.skin, progress)?,

@@ -63,7 +63,8 @@ impl Dictionary {
             let (measurement, element) = (rows.of[at % n][0], 0);
             return Err(InverseError::NonFiniteJacobian { measurement, element, value: volts[at] });
         }
-        let (mut values, mut slopes) = (vec![0.0; places.len() * n], vec![0.0; 2 * places.len() * n]);
+        let (mut values, mut slopes) =
+            (vec![0.0; places.len() * n], vec![0.0; 2 * places.len() * n]);
         let mut scaled = vec![0.0; n];
         let ratios: Vec<f64> = (0..n).map(|row| rows.ratio_of_row(row)).collect();
         for (k, column) in volts.chunks_exact(n).enumerate() {
@@ -78,8 +79,7 @@ impl Dictionary {
         let squared: Vec<f64> = values.chunks_exact(n).map(|v| dot(v, v)).collect();
         let squared_of_all = squared.clone();
         let sees = vec![true; places.len()];
-        let mut made =
-            Self { rows: n, volts, values, slopes, squared, squared_of_all, sees, tops };
+        let mut made = Self { rows: n, volts, values, slopes, squared, squared_of_all, sees, tops };
         made.look();
         Ok(made)
     }
@@ -100,9 +100,11 @@ impl Dictionary {
         sorted.sort_unstable_by(f64::total_cmp);
         let least = (BLIND * sorted[sorted.len() / 2]).max(f64::MIN_POSITIVE);
         // rounding leaves a little of what is lost
-        self.sees.iter_mut().zip(&self.squared).zip(&self.squared_of_all).for_each(
-            |((sees, squared), whole)| *sees = *squared > least.max(1e-9 * whole),
-        );
+        self.sees
+            .iter_mut()
+            .zip(&self.squared)
+            .zip(&self.squared_of_all)
+            .for_each(|((sees, squared), whole)| *sees = *squared > least.max(1e-9 * whole));
     }
 
     /// Places that are not blind.

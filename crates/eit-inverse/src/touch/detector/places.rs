@@ -90,7 +90,8 @@ impl Places {
 
     /// The place on the skin nearest to a point that is near it.
     pub(super) fn nearest(&self, point_m: Point) -> Spot {
-        let squared = |p: &Place| (0..3).map(|i| (p.position_m[i] - point_m[i]).powi(2)).sum::<f64>();
+        let squared =
+            |p: &Place| (0..3).map(|i| (p.position_m[i] - point_m[i]).powi(2)).sum::<f64>();
         let (mut place, mut least) = (0, f64::INFINITY);
         for (k, candidate) in self.at.iter().enumerate() {
             let distance = squared(candidate);

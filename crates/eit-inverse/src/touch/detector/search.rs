@@ -26,6 +26,9 @@ const PRICE: f64 = 1.6;
 /// Touches nearer than this part of the least distance are one.
 const MERGE: f64 = 0.7;
 
+/// A touch this near to one of the frame before goes on, metres.
+const SAME_M: f64 = 15e-3;
+
 /// Touches that explain a frame together.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Fit {
@@ -57,8 +60,11 @@ pub(super) struct Scene<'a> {
     pub(super) whitening: &'a Whitening,
     pub(super) memory: &'a Memory,
     pub(super) settings: &'a DetectorSettings,
-    /// Strongest touch of late, S m^2.
+    /// Strongest touch of late, S m^2, anywhere and at each place.
     pub(super) late_s_m2: f64,
+    pub(super) late_here_s_m2: &'a [f64],
+    /// Touches of the frame before.
+    pub(super) before_m: &'a [[f64; 3]],
 }
 
 /// Memory of a search; allocates nothing once made.
@@ -160,11 +166,21 @@ impl Search {
                 .least_s_m2
                 .max(settings.least_share * strongest)
                 .max(settings.least_share_of_late * scene.late_s_m2);
+            // a touch that was there in the frame before goes on
+            let goes_on = |k: usize| {
+                let at = best.spots[k].position_m;
+                scene.before_m.iter().any(|before| distance_m(*before, at) < SAME_M)
+            };
+            let here = |k: usize| match goes_on(k) {
+                true => 0.0,
+                false => scene.late_here_s_m2[best.spots[k].place],
+            };
             let wrong = |&k: &usize| {
                 let gain = (best.worth[k] - 1.0) * best.rest.max(least);
                 best.worth[k] < settings.least_ratio
                     || gain < settings.least_gain
                     || best.strengths[k] < faint
+                    || best.strengths[k] < settings.least_share_of_here * here(k)
                     || nearest_stronger(&best, k) < MERGE * settings.apart_m
             };
             let worth = |k: &usize| best.worth[*k];

@@ -25,9 +25,11 @@ pub struct DetectorSettings {
     pub least_s_m2: f64,
     /// Least strength as a part of the strongest touch of the frame. Default 0.15.
     pub least_share: f64,
-    /// Least strength as a part of the strongest touch of late, ...  Default 0.06.
+    /// Least strength as a part of the strongest touch of late, ... Default 0.04.
     pub least_share_of_late: f64,
-    /// ... which fades with this time, seconds. Default 2.
+    /// ... and of what has pressed there or within 20 mm of it of late, ... Default 0.12.
+    pub least_share_of_here: f64,
+    /// ... both of which fade with this time, seconds. Default 2.
     pub late_s: f64,
     /// Least fall of chi^2 that a touch brings, in units of the noise with all nuisance parameters.
     /// Default 12.
@@ -35,7 +37,7 @@ pub struct DetectorSettings {
     /// By what factor the rest of the frame must grow without a touch. Default 1.8.
     pub least_ratio: f64,
     /// Time with which the reference follows what touches do not explain, while nothing touches,
-    /// seconds. Default 2.
+    /// seconds. Default 1.
     pub idle_s: f64,
     /// The same while something touches. Default 5.
     pub touched_s: f64,
@@ -62,11 +64,12 @@ impl DetectorSettings {
             apart_m: 25e-3,
             least_s_m2,
             least_share: 0.15,
-            least_share_of_late: 0.06,
+            least_share_of_late: 0.04,
+            least_share_of_here: 0.12,
             late_s: 2.0,
             least_gain: 12.0,
             least_ratio: 1.8,
-            idle_s: 2.0,
+            idle_s: 1.0,
             touched_s: 5.0,
             settling_s: [0.5, 10.0],
             settling_share: 0.15,
@@ -98,6 +101,7 @@ impl DetectorSettings {
         let shares = [
             ("least_share", self.least_share),
             ("least_share_of_late", self.least_share_of_late),
+            ("least_share_of_here", self.least_share_of_here),
             ("settling_share", self.settling_share),
             ("trail_share", self.trail_share),
         ];

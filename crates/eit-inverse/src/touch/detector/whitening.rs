@@ -28,7 +28,8 @@ impl Whitening {
     pub(super) fn new(variances: &[f64], unknowns: MatRef<'_, f64>) -> Result<Self, InverseError> {
         let rows = variances.len();
         variances.iter().try_for_each(|v| check_positive("noise variance of a measurement", *v))?;
-        let mut covariance = Mat::from_fn(rows, rows, |i, j| if i == j { variances[i] } else { 0.0 });
+        let mut covariance =
+            Mat::from_fn(rows, rows, |i, j| if i == j { variances[i] } else { 0.0 });
         covariance += unknowns * unknowns.transpose();
         let failed = InverseError::Factorisation { what: "covariance of the detector", size: rows };
         let factor = covariance.llt(Side::Lower).map_err(|_| failed)?;

@@ -168,7 +168,9 @@ impl<'a> TouchEstimators<'a> {
 
 /// A bell that looks like a touch: half of its peak is at `radius sqrt(2 ln 2)`.
 fn start(touch: &Touch, conductivity_s: f64) -> Bell {
-    let radius_m = (touch.area_m2.unwrap_or_default() / (2.0 * std::f64::consts::LN_2 * std::f64::consts::PI)).sqrt();
+    let radius_m = (touch.area_m2.unwrap_or_default()
+        / (2.0 * std::f64::consts::LN_2 * std::f64::consts::PI))
+        .sqrt();
     Bell {
         position_m: touch.position_m,
         amplitude: (touch.peak_s / conductivity_s).clamp(-0.5, 2.0),
