@@ -12,7 +12,6 @@ mod noise_levels;
 mod pairs;
 mod plots;
 mod position;
-mod random;
 mod simulated_disc;
 mod tracking_scores;
 mod tracks;

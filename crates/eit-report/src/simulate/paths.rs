@@ -15,10 +15,9 @@
 
 use super::settings::SequenceSettings;
 use crate::error::ReportError;
+use eit_fem::fabric::Random;
 use eit_mesh::SkinShape;
 use eit_skin::scene::MeshSource;
-use rand_distr::{Distribution as _, StandardUniform};
-use rand_pcg::Pcg64Mcg;
 use std::f64::consts::{PI, TAU};
 
 /// Part of the skin's radius that fingers stay inside: nearer to the rim, a bell of 12 mm on a
@@ -34,8 +33,6 @@ const MOST_FRAMES: usize = 1_000_000;
 /// Chords that stand for a path when its length is measured: their sum is short by less than 1e-5
 /// of it, and a place between two of their ends is known to 3e-6 of the path's size.
 const CHORDS: usize = 2048;
-/// Low word of the generator's state, so that paths and noise of one seed share no numbers.
-const STREAM: u128 = 0x9e37_79b9_7f4a_7c15;
 
 /// Places of the fingers, metres, `[frame][finger]`.
 pub(super) fn positions_m(
@@ -60,7 +57,7 @@ pub(super) fn positions_m(
              the radius that each has for itself"
         )));
     }
-    let mut random = Random(Pcg64Mcg::new(u128::from(path_seed) << 64 | STREAM));
+    let mut random = Random::named(path_seed, "paths", 0);
     let first_angle = random.between(0.0, TAU);
     let ring_m = if touches == 1 { 0.0 } else { reach_m - territory_m };
     let paths: Vec<Path> = (0..touches)
@@ -153,16 +150,6 @@ fn turns(rim: &eit_mesh::Loop, middle: [f64; 2], radius_m: f64) -> f64 {
         (p[0] * q[1] - p[1] * q[0]).atan2(p[0] * q[0] + p[1] * q[1])
     };
     (0..chords as usize).map(angle).sum::<f64>() / TAU
-}
-
-/// Uniform numbers.
-struct Random(Pcg64Mcg);
-
-impl Random {
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        let unit: f64 = StandardUniform.sample(&mut self.0);
-        low + (high - low) * unit
-    }
 }
 
 /// An epicycle; see the module.

@@ -2,14 +2,12 @@
 
 use crate::error::ReportError;
 use eit_fem::fabric::{
-    Fabric, FabricSettings, Finger, Interpolation, Key, PlayCircle, Simulation, SimulationSettings,
-    Tip, TouchScript,
+    Fabric, FabricSettings, Finger, Interpolation, Key, PlayCircle, Random, Simulation,
+    SimulationSettings, Tip, TouchScript,
 };
 use eit_mesh::Raster;
 use eit_skin::{Progress, Skin};
 use ndarray::{Array2, Array3};
-use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
-use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
 
 /// Frames before the first touch.
@@ -170,12 +168,11 @@ fn silence(frames: usize) -> TouchScript {
 
 /// Something three times as large as a fingertip that presses at places of its own.
 fn palm(circle: &PlayCircle, frames: usize) -> TouchScript {
-    let mut random = Pcg64Mcg::new(301);
-    let mut uniform = || -> f64 { StandardUniform.sample(&mut random) };
+    let mut random = Random::new(301);
     let mut keys = Vec::new();
     let mut now_s = QUIET_FRAMES as f64 / RATE_HZ;
     while now_s < frames as f64 / RATE_HZ {
-        let (r, angle) = (0.5 * circle.radius_m * uniform().sqrt(), TAU * uniform());
+        let (r, angle) = (0.5 * circle.radius_m * random.uniform().sqrt(), TAU * random.uniform());
         let position_m =
             [circle.centre_m[0] + r * angle.cos(), circle.centre_m[1] + r * angle.sin()];
         for (after_s, force_n) in [(0.0, 0.0), (0.3, 4.0), (0.7, 4.0), (0.9, 0.0)] {
@@ -193,11 +190,10 @@ fn cuts(skin: &Skin, frames: usize) -> Result<HeldOutSequence, ReportError> {
     let sheet_s = skin.conductivity_s;
     let circle = PlayCircle::of(&skin.mesh);
     let noise_v = FabricSettings::default().instrument.noise_v[1];
-    let mut random = Pcg64Mcg::new(302);
+    let mut random = Random::new(302);
     let mut values = Array2::zeros((frames, skin.protocol.measurements()));
     for (frame, mut row) in values.rows_mut().into_iter().enumerate() {
-        let mut uniform = || -> f64 { StandardUniform.sample(&mut random) };
-        let (r, angle) = (0.7 * circle.radius_m * uniform().sqrt(), TAU * uniform());
+        let (r, angle) = (0.7 * circle.radius_m * random.uniform().sqrt(), TAU * random.uniform());
         let place = [circle.centre_m[0] + r * angle.cos(), circle.centre_m[1] + r * angle.sin()];
         let centroids = skin.mesh.surface().centroids();
         let sigma: Vec<f64> = centroids
@@ -208,10 +204,7 @@ fn cuts(skin: &Skin, frames: usize) -> Result<HeldOutSequence, ReportError> {
             })
             .collect();
         let exact = skin.model.forward(&sigma)?;
-        for (value, exact) in row.iter_mut().zip(exact) {
-            let normal: f64 = StandardNormal.sample(&mut random);
-            *value = exact + noise_v * normal;
-        }
+        row.iter_mut().zip(exact).for_each(|(v, exact)| *v = exact + noise_v * random.normal());
     }
     Ok(HeldOutSequence { name: "cut", values, truth: None, touches: vec![Vec::new(); frames] })
 }

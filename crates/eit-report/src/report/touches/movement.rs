@@ -6,11 +6,10 @@ use super::super::table::{Cell, Table};
 use super::estimators::{Estimator, TouchEstimators};
 use super::fabric::{FabricFrames, simulate};
 use super::grid::Grid;
-use super::random::Random;
 use super::simulated_disc::{RINGS, SimulatedDisc, distance_m};
 use crate::error::ReportError;
 use eit_fem::fabric::{
-    FabricSettings, Finger, Instrument, Interpolation, Key, Membrane, Rim, Tip, TouchScript,
+    FabricSettings, Finger, Instrument, Interpolation, Key, Membrane, Random, Rim, Tip, TouchScript,
 };
 use eit_inverse::touch::{Bell, Nuisance};
 use ndarray::{Array2, Axis};
@@ -134,7 +133,7 @@ fn pressed(
     case: &FabricCase,
     places: &[[f64; 2]],
 ) -> Result<FabricFrames, ReportError> {
-    let mut random = Random::new(29, 0);
+    let mut random = Random::named(29, "direction of sliding", 0);
     let finger = |k: usize, place: [f64; 2]| {
         let angle = TAU * random.uniform();
         let step = if case.slides { STEP_M } else { 0.0 };
@@ -195,7 +194,7 @@ fn errors_m(
 ) -> Result<[Vec<f64>; 3], ReportError> {
     let mut errors: [Vec<f64>; 3] = Default::default();
     for (k, (place, clean)) in places.iter().zip(frames).enumerate() {
-        let mut random = Random::new(31, k as u64);
+        let mut random = Random::named(31, "noise at a place", k as u64);
         if k == 0 {
             let frame = random.noisy(clean, estimators.noise_std_v);
             let frame = Array2::from_shape_vec((1, frame.len()), frame)

@@ -2,8 +2,8 @@
 
 use super::super::reconstruction_model::ReconstructionModel;
 use super::super::statistics::rms;
-use super::random::Random;
 use crate::error::ReportError;
+use eit_fem::fabric::Random;
 use eit_inverse::metrics::Cells;
 use eit_inverse::touch::Bell;
 use eit_mesh::SkinShape;
@@ -109,7 +109,7 @@ impl SimulatedDisc {
     /// no symmetry helps. The centre is one place.
     pub fn places(&self, ring: f64, count: usize) -> Vec<[f64; 2]> {
         let electrodes = self.simulation.mesh.electrodes().len() as f64;
-        let first = TAU * Random::new(17, (100.0 * ring) as u64).uniform();
+        let first = TAU * Random::named(17, "places of a ring", (100.0 * ring) as u64).uniform();
         let at = |k: usize| {
             // once around the skin, and once through the gap between electrodes
             let part = k as f64 / count as f64;
