@@ -112,6 +112,11 @@ impl Outline {
         &self.loops
     }
 
+    /// Whether a point that is clear of the loops is on the skin: inside the outer loop, in no hole.
+    pub fn contains(&self, point_m: [f64; 2]) -> bool {
+        self.loops_around(point_m) == 1
+    }
+
     /// Number of loops around a point that is clear of them: 0 outside, 1 on the skin, 2 in a hole.
     pub(crate) fn loops_around(&self, point_m: [f64; 2]) -> usize {
         self.loops.iter().filter(|l| l.is_around(point_m)).count()

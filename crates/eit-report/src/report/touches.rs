@@ -3,7 +3,6 @@
 mod detectors;
 mod electrodes;
 mod estimators;
-mod fabric;
 mod greit;
 mod grid;
 mod latency;

@@ -4,7 +4,7 @@ use super::super::statistics::quantile;
 use super::super::table::{Cell, Table};
 use super::detectors::{OneStepDetector, difference, total_variation};
 use super::grid::Grid;
-use super::simulated_disc::{SimulatedDisc, bell};
+use super::simulated_disc::SimulatedDisc;
 use crate::error::ReportError;
 use eit_fem::fabric::Random;
 use eit_inverse::touch::{NoiseFloor, TouchState, TouchStream, TouchStreamSettings};
@@ -74,7 +74,7 @@ fn circle(disc: &SimulatedDisc) -> Result<Vec<Vec<f64>>, ReportError> {
     let at = |k: usize| {
         let angle = TAU * k as f64 / AROUND as f64;
         let r = 0.5 * disc.radius_m;
-        [1.0, -1.0].map(|s| bell([s * r * angle.cos(), s * r * angle.sin()]))
+        [1.0, -1.0].map(|s| [s * r * angle.cos(), s * r * angle.sin()])
     };
     (0..AROUND).map(|k| disc.voltages(&at(k))).collect()
 }

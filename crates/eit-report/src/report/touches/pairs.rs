@@ -4,7 +4,7 @@ use super::super::table::{Cell, Table};
 use super::estimators::{Estimator, TouchEstimators};
 use super::grid::Grid;
 use super::noise_levels::at_each;
-use super::simulated_disc::{RADIUS_M, RINGS, SimulatedDisc, bell, distance_m};
+use super::simulated_disc::{RADIUS_M, RINGS, SimulatedDisc, distance_m};
 use crate::error::ReportError;
 use eit_fem::fabric::Random;
 use eit_inverse::touch::Touch;
@@ -115,7 +115,7 @@ fn separates(
         if trial % per_place == 0 {
             let angle = TAU * Random::named(23, "angle of a pair", place as u64).uniform();
             truth = pair.places(disc, angle);
-            clean = disc.voltages(&truth.map(bell))?;
+            clean = disc.voltages(&truth)?;
             if trial == 0 && estimator == Estimator::StTvImage {
                 let frame = random.noisy(&clean, estimators.noise_std_v);
                 let frame = Array2::from_shape_vec((1, frame.len()), frame)

@@ -71,7 +71,7 @@ fn at_ring(
     let mut bounds_m = Vec::new();
     for (k, place) in disc.places(ring, grid.places).into_iter().enumerate() {
         let truth = bell(place);
-        let clean = disc.voltages(&[truth])?;
+        let clean = disc.voltages(&[place])?;
         let bounds = estimators.fit.bound(&[truth], Nuisance::AmplitudeAndRadius)?;
         bounds_m.extend(bounds.iter().map(|b| SQRT_2 * b.position_std_m));
         let mut random =
