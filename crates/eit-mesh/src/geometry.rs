@@ -6,7 +6,6 @@ mod loops;
 mod piece;
 
 use crate::MeshError;
-use crate::flat_electrodes::Disc;
 use check::{check_polygon, in_range};
 pub use loops::Loop;
 use piece::Piece;
@@ -63,6 +62,13 @@ impl SkinShape {
             Self::Polygon { outline_m, holes_m } => Outline::polygon(outline_m, holes_m),
         }
     }
+}
+
+/// A disc in the plane of a skin.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Disc {
+    pub centre_m: [f64; 2],
+    pub radius_m: f64,
 }
 
 /// The outline of a flat skin: one outer loop and the holes.
