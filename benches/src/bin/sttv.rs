@@ -15,9 +15,9 @@ use cpu_time::ProcessTime;
 use eit_inverse::{
     DifferenceFrames, Gradient, StTv, StTvSettings, StTvStream, Stop, StreamSettings,
 };
+use fixtures::Random;
 use fixtures::st_tv::{self, StTvProblem};
 use ndarray::Array1;
-use rand_distr::Distribution as _;
 use serde_json::{Map, Value, json};
 use std::time::Instant;
 
@@ -130,7 +130,7 @@ fn stream(problem: &StTvProblem, solver: &StTv) -> Result<Value> {
     let settings = StreamSettings { target_gap: STREAM_GAP, ..Default::default() };
     let mut stream = StTvStream::new(solver.clone(), settings)?;
     let noise_std = problem.noise_norm / (problem.values.len() as f64).sqrt();
-    let mut generator = rand_pcg::Pcg64Mcg::new(1);
+    let mut random = Random::new(1);
     let side = problem.mask.nrows() as f64;
     let inside = problem.mask.indexed_iter().filter(|(_, inside)| **inside);
     let place = |i: usize| (i as f64 + 0.5) / side * 2.0 - 1.0;
@@ -150,8 +150,7 @@ fn stream(problem: &StTvProblem, solver: &StTv) -> Result<Value> {
         let image: Array1<f64> = pixels.iter().map(change).collect();
         let mut dv = problem.jacobian.dot(&image).to_vec();
         for value in &mut dv {
-            let sample: f64 = rand_distr::StandardNormal.sample(&mut generator);
-            *value += noise_std * sample;
+            *value += noise_std * random.normal();
         }
         let clocks = Clocks::start();
         let step = stream.push(&dv, None)?;

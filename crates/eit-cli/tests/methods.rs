@@ -4,6 +4,7 @@
 mod common;
 
 use common::{SMALL, refuse, succeed, text, write_scene};
+use fixtures::Random;
 use ndarray::{Array1, Array2, Array3, Axis};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -28,20 +29,6 @@ struct Fixture {
     frames: PathBuf,
 }
 
-/// Standard normal numbers, enough so for a test: sums of twelve uniform ones.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        let mut uniform = || {
-            // Knuth's MMIX generator
-            self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-        };
-        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
-    }
-}
-
 /// Voltages of the finger on a finer mesh than the scene's, by the program itself.
 fn fixture() -> Fixture {
     let folder = tempfile::tempdir().unwrap();
@@ -61,7 +48,7 @@ fn fixture() -> Fixture {
         ndarray_npy::read_npy(&out).unwrap()
     };
     let untouched = solve(&|_| 1e-5);
-    let mut noise = Noise(7);
+    let mut noise = Random::new(1);
     let mut frames = Array2::zeros((QUIET + TOUCHED, untouched.len()));
     for (f, mut row) in frames.rows_mut().into_iter().enumerate() {
         let clean = if f < QUIET {
@@ -70,7 +57,7 @@ fn fixture() -> Fixture {
             let [x, y] = finger(f - QUIET);
             solve(&|c| if (c[0] - x).hypot(c[1] - y) < 0.02 { 1.5e-5 } else { 1e-5 })
         };
-        row.assign(&clean.mapv(|v| v + NOISE_V * noise.next()));
+        row.assign(&clean.mapv(|v| v + NOISE_V * noise.normal()));
     }
     let frames_file = path("frames.npy");
     ndarray_npy::write_npy(&frames_file, &frames).unwrap();
@@ -217,9 +204,9 @@ fn what_a_recording_does_not_need_is_left_out() {
     assert_eq!(nothing["status"], "nothing to solve");
     // the same touch with other noise: moving frames are not alike
     assert_eq!(run(&[8, 9, 10, 11])["still"], false);
-    let mut noise = Noise(11);
+    let mut noise = Random::new(11);
     let alike = Array2::from_shape_fn((5, frames.ncols()), |(_, i)| {
-        frames[[QUIET, i]] + NOISE_V * noise.next()
+        frames[[QUIET, i]] + NOISE_V * noise.normal()
     });
     let file = fixture.folder.path().join("alike.npy");
     ndarray_npy::write_npy(&file, &alike).unwrap();

@@ -424,6 +424,40 @@ pub enum FemError {
         /// z, metres.
         height_m: f64,
     },
+    /// An outline whose centroid is in a hole or outside: no play circle.
+    #[error("the centroid of the outline, ({x_m}, {y_m}) m, is not on the skin")]
+    CentroidOffSkin {
+        /// Position, metres.
+        x_m: f64,
+        /// Position, metres.
+        y_m: f64,
+    },
+    /// More or larger fingers than a skin has room for.
+    #[error(
+        "{fingers} fingers cannot stay {apart_m} m apart within {reach_m} m of the skin's centre: \
+         take fewer or smaller ones"
+    )]
+    NoRoom {
+        /// Number of fingers.
+        fingers: usize,
+        /// Smallest distance of two, metres.
+        apart_m: f64,
+        /// Radius of the circle that holds all, metres.
+        reach_m: f64,
+    },
+    /// A finger that leaves its part of the skin within a frame.
+    #[error(
+        "step_m is {step_m}: with {fingers} fingers it must be from 0 to {most_m:.1e} m, the radius \
+         that each has for itself"
+    )]
+    StepTooLong {
+        /// Way from frame to frame, metres.
+        step_m: f64,
+        /// Number of fingers.
+        fingers: usize,
+        /// Largest, metres.
+        most_m: f64,
+    },
     /// A touch script that there is not.
     #[error("there is no touch script \"{name}\": known are {known}")]
     UnknownScript {

@@ -1,25 +1,16 @@
 //! Electrodes of flat skins, rim and patches, checked against the outline and each other.
 
-use crate::geometry::Outline;
+use crate::geometry::{Disc, Loop, Outline, distance};
 use crate::rim_electrodes::{OFF_RIM, RimElectrodes, RimInterval, SMALLEST, check_gaps, project};
-use crate::{Contact, MeshError, PlacedElectrode};
+use crate::{Contact, MeshError, PlacedElectrode, SkinShape};
 
 /// Electrodes of a flat skin where they will be meshed.
 #[derive(Debug, Default)]
 pub(crate) struct FlatElectrodes {
     /// Index of each rim electrode, and the rim it covers.
     pub rim: Vec<(usize, RimInterval)>,
-    /// The patches.
-    pub patches: Vec<Disc>,
-}
-
-/// A round patch of a flat skin.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Disc {
-    /// Index of the electrode.
-    pub electrode: usize,
-    pub centre_m: [f64; 2],
-    pub radius_m: f64,
+    /// Index of each patch, and the disc it covers.
+    pub patches: Vec<(usize, Disc)>,
 }
 
 /// A patch keeps this fraction of its radius (the larger one's) from the rim and from other
@@ -67,9 +58,9 @@ impl FlatElectrodes {
                     centres.push((electrode, loop_index, centre_m, width_m));
                 }
                 Contact::Patch { radius_m } => {
-                    let disc = Disc { electrode: index, centre_m: [x, y], radius_m };
-                    check_disc(disc, outline)?;
-                    flat.patches.push(disc);
+                    let disc = Disc { centre_m: [x, y], radius_m };
+                    check_disc(electrode, disc, outline)?;
+                    flat.patches.push((index, disc));
                 }
             }
         }
@@ -79,9 +70,19 @@ impl FlatElectrodes {
     }
 }
 
+impl PlacedElectrode {
+    /// Checks electrodes against the outline of a shape, before any meshing.
+    ///
+    /// # Errors
+    /// As [`generate_placed`](crate::generate_placed), of the electrodes alone.
+    pub fn validate(electrodes: &[Self], shape: &SkinShape) -> Result<(), MeshError> {
+        FlatElectrodes::placed(electrodes, &shape.outline()?).map(|_| ())
+    }
+}
+
 /// Refuses a patch that is not on the skin whole.
-fn check_disc(disc: Disc, outline: &Outline) -> Result<(), MeshError> {
-    let gap = |l: &crate::geometry::Loop| l.project(disc.centre_m).1 - disc.radius_m;
+fn check_disc(electrode: usize, disc: Disc, outline: &Outline) -> Result<(), MeshError> {
+    let gap = |l: &Loop| l.project(disc.centre_m).1 - disc.radius_m;
     let nearest_m = outline.loops().iter().map(gap).fold(f64::INFINITY, f64::min);
     let problem = match outline.loops_around(disc.centre_m) {
         0 => "lies outside of the skin",
@@ -92,19 +93,19 @@ fn check_disc(disc: Disc, outline: &Outline) -> Result<(), MeshError> {
         }
         _ => return Ok(()),
     };
-    let ([x, y], electrode) = (disc.centre_m, disc.electrode + 1);
+    let [x, y] = disc.centre_m;
     Err(MeshError::BadPatch { electrode, position_m: [x, y, 0.0], problem })
 }
 
 /// Refuses patches too near to each other.
-fn check_discs(discs: &[Disc]) -> Result<(), MeshError> {
-    for (k, a) in discs.iter().enumerate() {
-        for b in &discs[k + 1..] {
-            let apart_m = crate::geometry::distance(a.centre_m, b.centre_m);
+fn check_discs(patches: &[(usize, Disc)]) -> Result<(), MeshError> {
+    for (k, (first, a)) in patches.iter().enumerate() {
+        for (second, b) in &patches[k + 1..] {
+            let apart_m = distance(a.centre_m, b.centre_m);
             let gap_m = apart_m - a.radius_m - b.radius_m;
             let least_m = PATCH_GAP * a.radius_m.max(b.radius_m);
             if gap_m < least_m {
-                let (first, second) = (a.electrode + 1, b.electrode + 1);
+                let (first, second) = (first + 1, second + 1);
                 return Err(MeshError::OverlappingPatches { first, second, gap_m, least_m });
             }
         }

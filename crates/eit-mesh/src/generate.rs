@@ -7,11 +7,12 @@
 //! the hole that it leaves ([`patch`]).
 
 pub(crate) mod interior;
+mod node_count;
 mod patch;
 mod rim;
 
 use crate::flat_electrodes::FlatElectrodes;
-use crate::geometry::Outline;
+use crate::geometry::{Disc, Outline};
 use crate::rim_electrodes::{RimElectrodes, RimInterval};
 use crate::settings::MeshSettings;
 use crate::surface::norm;
@@ -86,11 +87,11 @@ pub fn generate_placed(
     let outline = shape.outline()?;
     settings.validate()?;
     let flat = FlatElectrodes::placed(electrodes, &outline)?;
-    if let (SkinShape::Hemisphere { .. }, Some(disc)) = (shape, flat.patches.first()) {
-        let position_m = electrodes[disc.electrode].position_m;
+    if let (SkinShape::Hemisphere { .. }, Some((index, _))) = (shape, flat.patches.first()) {
+        let position_m = electrodes[*index].position_m;
         let problem = "is on a generated hemisphere, which has rim electrodes only: write the mesh to \
                        a file and place the patch on that";
-        return Err(MeshError::BadPatch { electrode: disc.electrode + 1, position_m, problem });
+        return Err(MeshError::BadPatch { electrode: index + 1, position_m, problem });
     }
     mesh(shape, &outline, &flat, settings)
 }
@@ -102,26 +103,28 @@ fn mesh(
     settings: &MeshSettings,
 ) -> Result<Mesh, MeshError> {
     let edge_m = settings.edge_on(outline, shape)?;
-    let discs = &electrodes.patches;
+    let discs: Vec<Disc> = electrodes.patches.iter().map(|(_, disc)| *disc).collect();
     let intervals: Vec<RimInterval> =
         electrodes.rim.iter().map(|(_, interval)| *interval).collect();
     // a third of the radius is a sixth of the width, as on the rim
     let patch_edge =
         |radius_m: f64| settings.electrode_edge_m.unwrap_or(radius_m / 3.0).min(edge_m);
     let patch_edges_m: Vec<f64> = discs.iter().map(|disc| patch_edge(disc.radius_m)).collect();
-    let pierced = outline.pierced(discs);
+    let pierced = outline.pierced(&discs);
     let (mut rim, field) = rim::cut(&pierced, &intervals, settings, edge_m, &patch_edges_m)?;
-    patch::widen(&mut rim, discs);
+    patch::widen(&mut rim, &discs);
     let filled = interior::fill(&rim, &field, settings.node_limit)?;
     let mut skin = smooth::smooth(filled, rim.points.len(), &field, settings.smoothing_rounds);
-    let patches = patch::join(&mut skin, &rim, discs, &field, settings)?;
+    let patches = patch::join(&mut skin, &rim, &discs, &field, settings)?;
     let nodes = skin.points.iter().map(|&p| on_shape(shape, p)).collect();
     let surface = Surface::new(nodes, skin.triangles)?;
     let mut placed: Vec<(usize, Electrode)> = Vec::new();
     placed.extend(
         electrodes.rim.iter().map(|e| e.0).zip(rim.electrodes.into_iter().map(Electrode::Rim)),
     );
-    placed.extend(discs.iter().map(|d| d.electrode).zip(patches.into_iter().map(Electrode::Patch)));
+    placed.extend(
+        electrodes.patches.iter().map(|e| e.0).zip(patches.into_iter().map(Electrode::Patch)),
+    );
     placed.sort_by_key(|(index, _)| *index);
     let mesh = Mesh::new(surface, placed.into_iter().map(|(_, electrode)| electrode).collect())?;
     match *shape {

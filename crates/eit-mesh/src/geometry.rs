@@ -6,7 +6,6 @@ mod loops;
 mod piece;
 
 use crate::MeshError;
-use crate::flat_electrodes::Disc;
 use check::{check_polygon, in_range};
 pub use loops::Loop;
 use piece::Piece;
@@ -65,6 +64,13 @@ impl SkinShape {
     }
 }
 
+/// A disc in the plane of a skin.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Disc {
+    pub centre_m: [f64; 2],
+    pub radius_m: f64,
+}
+
 /// The outline of a flat skin: one outer loop and the holes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outline {
@@ -110,6 +116,11 @@ impl Outline {
     /// The loops: outer loop first, then the holes in their order.
     pub fn loops(&self) -> &[Loop] {
         &self.loops
+    }
+
+    /// Whether a point that is clear of the loops is on the skin: inside the outer loop, in no hole.
+    pub fn contains(&self, point_m: [f64; 2]) -> bool {
+        self.loops_around(point_m) == 1
     }
 
     /// Number of loops around a point that is clear of them: 0 outside, 1 on the skin, 2 in a hole.

@@ -1,22 +1,17 @@
-//! Simulated sequences of ideal fingers: they move on a skin, voltages are solved for, noise is added.
+//! Simulated sequences of fingers on a linear skin (`eit_fem::fabric::LinearResponse`): soft ones are bells,
+//! hard ones pads with an edge.
 //!
-//! A finger raises the sheet conductivity, softly or with an edge: with `f` its place,
-//!
-//! ```text
-//! sigma(x) = sigma_0 (1 + sum over fingers of  change s(|x - f| / sigma_m))
-//! bell: s(r) = exp(-r^2 / 2)          pad: s(r) = 1 for r^2 <= 2, else 0
-//! ```
-//!
-//! Each frame is a full non-linear solve on a mesh finer than the one that reconstructs; frames
-//! that show the same fingers as the one before share its solve, and noise of any level and seed
-//! goes onto the same voltages afterwards. The reference frame is the untouched skin with noise of
-//! its own. Everything random comes from a seed, so a sequence has the same bytes every time.
+//! The simulated fabric solves each frame on a mesh finer than the one that reconstructs; noise of
+//! any level and seed goes onto the same voltages afterwards. The reference frame is the untouched
+//! skin with noise of its own. Everything random comes from a seed, so a sequence has the same bytes
+//! every time.
 
-mod paths;
+mod fabric_frames;
 mod sequence;
 mod settings;
 mod voltages;
 
+pub(crate) use fabric_frames::FabricFrames;
 pub(crate) use sequence::TouchSequence;
 pub(crate) use settings::{FAST_M, Finger, FingerShape, SLOW_M, SequenceSettings};
 
@@ -59,7 +54,7 @@ pub(crate) fn simulate(
         truth: sequence.truth(skin.conductivity_s, raster),
         noise_std_v,
         nodes: skin.mesh.surface().nodes().len(),
-        positions_m: sequence.positions_m,
+        positions_m: sequence.positions_m(),
     })
 }
 

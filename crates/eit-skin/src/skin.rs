@@ -249,13 +249,16 @@ impl Skin {
     ///
     /// Settings of the fabric that cannot be simulated.
     pub fn simulated_fabric(&self) -> Result<Fabric, SkinError> {
-        let fabric = Fabric::new(
-            &self.mesh,
-            &self.protocol,
-            self.conductivity_s,
-            &self.contact_impedance,
-            &self.fabric,
-        );
+        self.fabric_with(&self.fabric)
+    }
+
+    /// The simulated fabric with other settings than the scene's.
+    ///
+    /// # Errors
+    /// Those of [`Fabric::new`].
+    pub fn fabric_with(&self, settings: &FabricSettings) -> Result<Fabric, SkinError> {
+        let (sheet_s, impedance) = (self.conductivity_s, &self.contact_impedance);
+        let fabric = Fabric::new(&self.mesh, &self.protocol, sheet_s, impedance, settings);
         fabric.map_err(|e| SkinError::from(e).within(&self.place))
     }
 

@@ -6,6 +6,9 @@
 use super::contact::Dent;
 use super::motion::Placed;
 use super::piezo::PiezoLaw;
+use super::pixels::pixel_mean;
+use super::script::Touch;
+use super::settings::LinearResponse;
 use eit_mesh::{Raster, Surface};
 
 /// Beyond so many lengths of the membrane from a contact, strains are below 1e-17 of their largest.
@@ -32,6 +35,13 @@ impl Elements {
             (m, c.iter().map(|p| (p[0] - m[0]).hypot(p[1] - m[1])).fold(0.0, f64::max))
         };
         Self { middles: corners.iter().map(middle).collect(), corners, reach_m: REACH * length_m }
+    }
+
+    /// Relative change of the conductivity of each element of a linear skin: that at its middle.
+    pub fn changes_into(&self, linear: &LinearResponse, touches: &[Touch], changes: &mut [f64]) {
+        for (change, (middle, _)) in changes.iter_mut().zip(&self.middles) {
+            *change = linear.relative_change(touches, *middle);
+        }
     }
 
     /// Mean drive of each element under touches.
@@ -89,8 +99,6 @@ pub(super) fn pressures_into(raster: &Raster, touches: &[Placed], pressures_pa: 
         if touches.iter().all(|t| beyond(t, [x, y]) > pixel_m) {
             continue;
         }
-        let offsets = [-0.375, -0.125, 0.125, 0.375].map(|part| part * pixel_m);
-        let points = offsets.iter().flat_map(|dx| offsets.map(|dy| [x + dx, y + dy]));
-        *pressure_pa = points.map(|point| together(touches, point).pressure_pa).sum::<f64>() / 16.0;
+        *pressure_pa = pixel_mean([x, y], pixel_m, |point| together(touches, point).pressure_pa);
     }
 }

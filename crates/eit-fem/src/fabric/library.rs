@@ -1,10 +1,10 @@
 //! Touch scripts that come with the crate, fitted into the largest circle of a skin.
 
 use super::contact::Tip;
+use super::play_circle::PlayCircle;
 use super::script::{Finger, Interpolation, Key, TouchScript};
 use super::stream::Purpose;
 use crate::error::FemError;
-use eit_mesh::Mesh;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Frames a second; the paper states none.
@@ -15,45 +15,6 @@ const QUIET: usize = 20;
 const FORCE_N: f64 = 1.5;
 /// Time to press and to lift, seconds.
 const PRESS_S: f64 = 0.3;
-
-/// The largest circle around the middle of a skin that meets no rim.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PlayCircle {
-    /// Centroid of the skin's area, metres.
-    pub centre_m: [f64; 2],
-    /// Its distance from the rim, metres.
-    pub radius_m: f64,
-}
-
-impl PlayCircle {
-    /// Of a mesh, seen from +z. For a skin with its centroid in a hole, write scripts by hand.
-    pub fn of(mesh: &Mesh) -> Self {
-        let surface = mesh.surface();
-        let areas = surface.areas_m2();
-        let total: f64 = areas.iter().sum();
-        let moment = |i: usize| {
-            surface.centroids().iter().zip(areas).map(|(c, a)| c[i] * a).sum::<f64>() / total
-        };
-        let centre_m = [moment(0), moment(1)];
-        let distance = |edge: &[u32; 2]| {
-            let [a, b] = edge.map(|n| surface.nodes()[n as usize]);
-            super::motion::segment_distance_m([centre_m[0], centre_m[1], 0.0], a, b)
-        };
-        let radius_m = surface.rim_edges().iter().map(distance).fold(f64::INFINITY, f64::min);
-        Self { centre_m, radius_m }
-    }
-
-    /// A place at a part of the radius and an angle, radians counter-clockwise from +x.
-    fn at(&self, part: f64, angle: f64) -> [f64; 2] {
-        let r = part * self.radius_m;
-        [self.centre_m[0] + r * angle.cos(), self.centre_m[1] + r * angle.sin()]
-    }
-
-    /// A fingertip, and a smaller one on skins where it would cover too much.
-    fn tip_m(&self) -> f64 {
-        0.01_f64.min(0.15 * self.radius_m)
-    }
-}
 
 /// A finger that presses, goes along places and lifts.
 fn along(id: u32, circle: &PlayCircle, start_s: f64, end_s: f64, places: &[[f64; 2]]) -> Finger {

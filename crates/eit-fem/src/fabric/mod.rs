@@ -8,6 +8,9 @@
 //! measures. Every frame is a full non-linear solve on the deformed mesh. Model, parameters and
 //! sources: `docs/FABRIC.md`.
 //!
+//! With a [`LinearResponse`] ([`FabricSettings::linear`]) none of that happens: the conductivity has the
+//! shape of the fingers, and the voltages are those of that image alone. Methods are compared on it.
+//!
 //! Simulate on a finer mesh than the one that reconstructs.
 //!
 //! The skin must be flat (z = 0). Frames are the same bytes for any number of threads; a part whose
@@ -41,8 +44,12 @@ mod contact;
 mod fabric_model;
 mod instrument;
 mod library;
+mod linear;
 mod motion;
+mod paths;
 mod piezo;
+mod pixels;
+mod play_circle;
 mod random;
 mod random_field;
 mod script;
@@ -53,10 +60,13 @@ mod truth;
 
 pub use contact::{Dent, Indentation, Tip};
 pub use fabric_model::Fabric;
-pub use library::PlayCircle;
+pub use paths::RandomPaths;
 pub use piezo::PiezoLaw;
+pub use play_circle::PlayCircle;
 pub use random::Random;
 pub use script::{Finger, Interpolation, Key, Touch, TouchScript};
-pub use settings::{Drift, FabricSettings, Instrument, Membrane, Piezoresistance, Rim, Weave};
+pub use settings::{
+    Drift, FabricSettings, Instrument, LinearResponse, Membrane, Piezoresistance, Rim, Weave,
+};
 pub use simulate::SimulationSettings;
 pub use truth::{Simulation, SimulationReport, TrueQuality, TrueTouch, Truth};

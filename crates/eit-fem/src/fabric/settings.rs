@@ -22,6 +22,9 @@ pub struct FabricSettings {
     pub drift: Drift,
     /// What measures.
     pub instrument: Instrument,
+    /// The response of a linear skin, in place of `membrane`, `piezo` and `rim`: nothing moves, no contact
+    /// changes, no force is too large. Left out: that of the fabric.
+    pub linear: Option<LinearResponse>,
 }
 
 /// A stretched membrane on a soft layer.
@@ -203,6 +206,17 @@ impl Default for Instrument {
     }
 }
 
+/// The response of a linear skin: the conductivity follows force and shape of the fingers at once, so
+/// that images can be judged without the mechanics of a fabric between finger and truth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
+pub struct LinearResponse {
+    /// Relative change of the conductivity in the middle of a touch, per newton. Either sign; the
+    /// conductivity must stay above zero.
+    pub change_per_newton: f64,
+}
+
 impl FabricSettings {
     /// No drift, unevenness, electrode effects, hysteresis, relaxation, nor instrument: only the
     /// conductivity follows the touch, and no node moves.
@@ -224,6 +238,12 @@ impl FabricSettings {
                 bits: 0,
                 ..Default::default()
             },
+            linear: None,
         }
+    }
+
+    /// A linear skin and nothing else: no drift, unevenness nor instrument.
+    pub fn linear(change_per_newton: f64) -> Self {
+        Self { linear: Some(LinearResponse { change_per_newton }), ..Self::ideal() }
     }
 }

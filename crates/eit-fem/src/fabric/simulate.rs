@@ -15,7 +15,8 @@ use super::script::{Touch, TouchScript};
 use super::truth::Simulation;
 use crate::error::FemError;
 use eit_mesh::Raster;
-use frame::{Frame, Worker, each, remember};
+use frame::{Frame, Worker, each, follow, remember};
+use plan::Plan;
 use results::true_touches;
 use std::f64::consts::PI;
 use std::time::Instant;
@@ -40,7 +41,7 @@ impl Fabric {
         progress: &mut dyn FnMut(usize),
     ) -> Result<Simulation, FemError> {
         let start = Instant::now();
-        let touches = self.check(script, raster, settings)?;
+        let dents = self.check(script, raster, settings)?;
         let plan = self.plan(script, raster, settings.seed);
         let mut workers: Vec<Worker> =
             (0..settings.threads).map(|_| self.worker()).collect::<Result<_, _>>()?;
@@ -59,14 +60,10 @@ impl Fabric {
             let chunk = &mut frames[..count];
             for (k, frame) in chunk.iter_mut().enumerate() {
                 frame.index = first + k;
-                frame.touches.clone_from(&touches[first + k]);
+                frame.touches = script.touches(first + k);
+                frame.dents.clone_from(&dents[first + k]);
             }
-            each(&mut workers, chunk, |_, frame| {
-                self.elements.drives_into(&frame.touches, &plan.law, &mut frame.elements);
-            });
-            for frame in chunk.iter_mut() {
-                remember(&plan, frame, &mut memory);
-            }
+            self.conductivities(&plan, &mut workers, chunk, &mut memory);
             each(&mut workers, chunk, |worker, frame| {
                 frame.error = self.solve(&plan, worker, frame).err();
             });
@@ -78,12 +75,32 @@ impl Fabric {
             }
             progress(first + count);
         }
-        made.truth.touches = true_touches(script, &touches);
+        made.truth.touches = true_touches(script, &dents);
         made.report.time_s = start.elapsed().as_secs_f64();
         Ok(made)
     }
 
-    /// Everything that can be wrong, before any work; the dents of every frame.
+    /// Conductivities of frames, from their touches and the memory of each element.
+    fn conductivities(
+        &self,
+        plan: &Plan<'_>,
+        workers: &mut [Worker],
+        frames: &mut [Frame],
+        memory: &mut [f64],
+    ) {
+        if let Some(linear) = &self.settings.linear {
+            return each(workers, frames, |_, frame| {
+                self.elements.changes_into(linear, &frame.touches, &mut frame.elements);
+                follow(plan, frame);
+            });
+        }
+        each(workers, frames, |_, frame| {
+            self.elements.drives_into(&frame.dents, &plan.law, &mut frame.elements);
+        });
+        frames.iter_mut().for_each(|frame| remember(plan, frame, memory));
+    }
+
+    /// Everything that can be wrong, before any work; the dents of every frame, none on a linear skin.
     fn check(
         &self,
         script: &TouchScript,
@@ -99,6 +116,9 @@ impl Fabric {
         if settings.threads == 0 {
             let (quantity, must) = ("threads", "at least 1");
             return Err(FemError::OutOfRange { quantity, value: 0.0, must });
+        }
+        if self.settings.linear.is_some() {
+            return Ok(vec![Vec::new(); script.frames]);
         }
         let place = |frame: usize, touch: &Touch| {
             let Touch { finger, tip, position_m, force_n, radius_m, direction } = *touch;

@@ -3,11 +3,11 @@
 
 use super::interior::{Triangulation, fill};
 use super::rim::Rim;
-use super::{MeshSettings, smooth};
 use crate::MeshError;
-use crate::flat_electrodes::Disc;
-use crate::geometry::cross;
+use crate::geometry::{Disc, cross};
+use crate::settings::MeshSettings;
 use crate::size_field::SizeField;
+use crate::smooth;
 use std::f64::consts::PI;
 
 /// Moves the nodes on the outlines of patches outwards until each polygon has its disc's area: the

@@ -1,9 +1,9 @@
 //! Cuts an outline into rim edges that follow the size field.
 
-use super::MeshSettings;
 use crate::MeshError;
 use crate::geometry::{Loop, Outline, distance};
 use crate::rim_electrodes::RimInterval;
+use crate::settings::MeshSettings;
 use crate::size_field::{SizeField, Source};
 
 /// The cut outline.

@@ -1,7 +1,6 @@
 //! Which groups of a Gmsh file are electrodes.
 
-use super::gmsh_read::Problem;
-use super::gmsh_sections::Sections;
+use super::gmsh_sections::{Problem, Sections};
 use std::collections::{BTreeMap, HashMap};
 
 /// Where an electrode is named: dimension (1 lines, 2 triangles), tags and line.

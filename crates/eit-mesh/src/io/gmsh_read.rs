@@ -1,7 +1,7 @@
 //! A mesh from a Gmsh file: nodes numbered, groups resolved to electrodes.
 
 use super::gmsh_electrodes::{ElectrodeName, electrode_groups, electrode_names};
-use super::gmsh_sections::{Element, Sections, read_sections};
+use super::gmsh_sections::{Element, Problem, Sections, read_sections};
 use crate::repair::{coincident, mend, size_m};
 use crate::{Electrode, Mesh, MeshError, Repairs, Surface};
 use std::collections::{BTreeMap, HashMap};
@@ -113,9 +113,6 @@ impl ErrorLines<'_> {
         elements.iter().rfind(on_edge).map_or(0, |element| element.line)
     }
 }
-
-/// What is wrong, and the line (0: the whole file).
-pub(super) type Problem = (usize, String);
 
 /// A node of the file and, once a triangle uses it, its index in the mesh.
 struct NodeOfTag {

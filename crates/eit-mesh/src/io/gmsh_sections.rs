@@ -8,6 +8,9 @@ use super::lines::{Fields, Lines, short};
 use crate::MeshError;
 use std::collections::HashMap;
 
+/// What is wrong, and the line (0: the whole file).
+pub(super) type Problem = (usize, String);
+
 /// A physical group: dimension, tag, name, and the line that names it.
 pub(super) struct PhysicalName {
     pub(super) dimension: u8,

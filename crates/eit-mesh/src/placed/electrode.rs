@@ -1,7 +1,6 @@
 //! An electrode by position.
 
-use crate::flat_electrodes::FlatElectrodes;
-use crate::{MeshError, SkinShape};
+use crate::MeshError;
 
 /// An electrode wanted at a place of a skin.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,14 +38,6 @@ impl PlacedElectrode {
     /// A round patch.
     pub fn patch(position_m: [f64; 3], radius_m: f64) -> Self {
         Self { position_m, contact: Contact::Patch { radius_m } }
-    }
-
-    /// Checks electrodes against the outline of a shape, before any meshing.
-    ///
-    /// # Errors
-    /// As [`generate_placed`](crate::generate_placed), of the electrodes alone.
-    pub fn validate(electrodes: &[Self], shape: &SkinShape) -> Result<(), MeshError> {
-        FlatElectrodes::placed(electrodes, &shape.outline()?).map(|_| ())
     }
 
     /// Width or diameter, metres.

@@ -143,7 +143,7 @@ impl Comparison<'_> {
         let voltages = sequence.voltages(self.simulation, &mut Progress::silent())?;
         let conductivity_s = model.skin().conductivity_s;
         let pixels = model.pixels_of(sequence.truth(conductivity_s, &model.raster).view())?;
-        let truth = Truth { pixels: &pixels, positions_m: &sequence.positions_m };
+        let truth = Truth { pixels: &pixels, positions_m: &sequence.positions_m() };
         let mut rows = Vec::new();
         for &noise_db in self.grid.noise_db {
             let noise_std_v = voltages.noise_std_v(noise_db);

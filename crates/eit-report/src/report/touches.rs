@@ -3,7 +3,6 @@
 mod detectors;
 mod electrodes;
 mod estimators;
-mod fabric;
 mod greit;
 mod grid;
 mod latency;
@@ -12,7 +11,6 @@ mod noise_levels;
 mod pairs;
 mod plots;
 mod position;
-mod random;
 mod simulated_disc;
 mod tracking_scores;
 mod tracks;

@@ -1,4 +1,11 @@
-//! What a sequence of ideal fingers is made of.
+//! What a sequence of fingers on a linear skin is made of.
+
+use eit_fem::fabric::{LinearResponse, RandomPaths, Tip};
+use std::f64::consts::SQRT_2;
+
+/// Smallest distance of two fingers, standard deviations of the bell. The sum of two bells has two
+/// tops from 2 on; at 4, the middle between them is at 27 % of the tops.
+const APART: f64 = 4.0;
 
 /// Steps of a slow and of a fast finger of 12 mm, metres a frame: a sixth of the bell's standard
 /// deviation, which averaging over frames hardly blurs, and all of it, which it smears out. At 8
@@ -26,6 +33,14 @@ impl FingerShape {
             Self::Pad => "pad",
         }
     }
+
+    /// On the simulated fabric.
+    fn tip(self) -> Tip {
+        match self {
+            Self::Bell => Tip::Round,
+            Self::Pad => Tip::Flat,
+        }
+    }
 }
 
 /// How a finger changes the skin.
@@ -43,6 +58,24 @@ impl Default for Finger {
     /// A fingertip: a bell of 12 mm, half as much conductivity again.
     fn default() -> Self {
         Self { shape: FingerShape::Bell, sigma_m: 0.012, change: 0.5 }
+    }
+}
+
+impl Finger {
+    /// Newton, always: the change is that of the response.
+    pub const FORCE_N: f64 = 1.0;
+
+    /// The response of the skin under it.
+    pub fn response(&self) -> LinearResponse {
+        LinearResponse { change_per_newton: self.change / Self::FORCE_N }
+    }
+
+    /// Its radius on the simulated fabric, metres.
+    pub fn radius_m(&self) -> f64 {
+        match self.shape {
+            FingerShape::Bell => self.sigma_m,
+            FingerShape::Pad => SQRT_2 * self.sigma_m,
+        }
     }
 }
 
@@ -84,6 +117,23 @@ impl Default for SequenceSettings {
             noise_db: 60.0,
             noise_seed: 1,
             nodes: 7000,
+        }
+    }
+}
+
+impl SequenceSettings {
+    /// The paths of the fingers.
+    pub fn paths(&self) -> RandomPaths {
+        RandomPaths {
+            fingers: self.touches,
+            frames: self.frames,
+            frame_rate_hz: self.rate_hz,
+            step_m: self.step_m,
+            apart_m: APART * self.finger.sigma_m,
+            tip: self.finger.shape.tip(),
+            radius_m: self.finger.radius_m(),
+            force_n: Finger::FORCE_N,
+            seed: self.path_seed,
         }
     }
 }

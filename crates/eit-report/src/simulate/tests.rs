@@ -1,4 +1,4 @@
-//! Paths keep their promises, noise has its level, truth lies where the fingers are.
+//! Seeds decide, noise has its level, truth lies where the fingers are.
 
 use super::*;
 use eit_inverse::metrics::{Cells, ChangeSign, half_maximum_centre_m, touch_position_errors_m};
@@ -29,8 +29,6 @@ fn source_of(skin: &str, electrodes: &str) -> MeshSource {
     Scene::load(path.to_str().unwrap()).unwrap().mesh(None).unwrap()
 }
 
-const EIGHT: &str = "count = 8\nwidth_m = 0.01";
-
 /// Small enough for a test: 1500 nodes solve in a millisecond.
 fn small() -> SequenceSettings {
     SequenceSettings { nodes: 1500, frames: 12, ..SequenceSettings::default() }
@@ -47,58 +45,11 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
 }
 
 #[test]
-fn fingers_stay_inside_and_apart_and_keep_their_speed() {
-    let source = source();
-    for touches in 1..=4 {
-        for path_seed in 0..50 {
-            for step_m in [SLOW_M, FAST_M] {
-                let settings =
-                    SequenceSettings { touches, path_seed, step_m, frames: 60, ..small() };
-                let sequence = TouchSequence::random(&source, &settings).unwrap();
-                for fingers in &sequence.positions_m {
-                    assert_eq!(fingers.len(), touches);
-                    for (k, &finger) in fingers.iter().enumerate() {
-                        // the bounds are met exactly but for rounding
-                        assert!(distance(finger, [0.0; 2]) <= 0.08 + 1e-15);
-                        let others = &fingers[..k];
-                        assert!(others.iter().all(|&o| distance(finger, o) >= 0.048 - 1e-15));
-                    }
-                }
-                for pair in sequence.positions_m.windows(2) {
-                    for (&a, &b) in pair[0].iter().zip(&pair[1]) {
-                        // a chord is no longer than its arc, each end of which the table of
-                        // lengths places to |p''| du^2 / 8 = 2.3e-7 m; and at the sharpest bends
-                        // of the smallest paths 0.54 of it (measured)
-                        let chord = distance(a, b);
-                        assert!(chord <= step_m + 5e-7, "{chord}");
-                        assert!(chord >= 0.5 * step_m, "{touches} {path_seed} {chord}");
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// Short steps add up to the same way as the path's own measure.
-#[test]
-fn steps_are_measured_along_the_path() {
-    let settings = SequenceSettings { step_m: 1e-4, frames: 4001, ..small() };
-    for path_seed in 0..10 {
-        let settings = SequenceSettings { path_seed, ..settings.clone() };
-        let sequence = TouchSequence::random(&source(), &settings).unwrap();
-        let way: f64 =
-            sequence.positions_m.windows(2).map(|pair| distance(pair[0][0], pair[1][0])).sum();
-        // chords of 1e-4 m on bends of 10 mm are short by 4e-6, the path's table by less
-        assert!((way / 0.4 - 1.0).abs() < 1e-5, "{way}");
-    }
-}
-
-#[test]
 fn seeds_decide_and_nothing_else() {
     let source = source();
     let path = |path_seed, frames, nodes| {
         let settings = SequenceSettings { path_seed, frames, nodes, touches: 3, ..small() };
-        TouchSequence::random(&source, &settings).unwrap().positions_m
+        TouchSequence::random(&source, &settings).unwrap().positions_m()
     };
     assert_eq!(path(1, 12, 1500), path(1, 12, 1600));
     assert_eq!(path(1, 12, 1500)[..], path(1, 40, 1500)[..12]);
@@ -164,32 +115,35 @@ fn noise_of_one_seed_scales() {
     }
 }
 
-/// Each frame is the forward solve of its own conductivity, also where frames share a solve.
+/// Each frame is the forward solve of its own fingers, a bell of 12 mm or a pad of the same amount.
 #[test]
 fn frames_are_forward_solves() {
     let skin = skin(1500);
-    let place = [0.03, -0.02];
-    let sequence = TouchSequence {
-        positions_m: vec![vec![], vec![place], vec![place], vec![], vec![place, [-0.05, 0.0]]],
-        finger: Finger { sigma_m: 0.01, change: 2.0, ..Finger::default() },
-        rate_hz: 8.0,
-    };
-    let found = sequence.voltages(&skin, &mut Progress::default()).unwrap();
-    for (frame, fingers) in found.frames.rows().into_iter().zip(&sequence.positions_m) {
-        let sigma = |c: [f64; 3]| {
-            let bell = |f: &[f64; 2]| (-distance([c[0], c[1]], *f).powi(2) / 2e-4).exp();
-            1e-5 * (1.0 + 2.0 * fingers.iter().map(bell).sum::<f64>())
-        };
-        let conductivity: Vec<f64> =
-            skin.mesh.surface().centroids().into_iter().map(sigma).collect();
-        let wanted = skin.model.forward(&conductivity).unwrap();
-        let largest = wanted.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-        // the same formula in another order: rounding of the conductivities
-        assert!(frame.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-12 * largest));
+    let centroids = skin.mesh.surface().centroids();
+    for shape in FingerShape::ALL {
+        let finger = Finger { shape, change: 2.0, ..Finger::default() };
+        let settings = SequenceSettings { finger, touches: 2, frames: 3, ..small() };
+        let sequence = TouchSequence::random(&skin.source, &settings).unwrap();
+        let found = sequence.voltages(&skin, &mut Progress::default()).unwrap();
+        for (frame, fingers) in found.frames.rows().into_iter().zip(sequence.positions_m()) {
+            let of_one = |c: &[f64; 3], f: &[f64; 2]| {
+                let square = distance([c[0], c[1]], *f).powi(2) / 0.012_f64.powi(2);
+                match shape {
+                    FingerShape::Bell => (-0.5 * square).exp(),
+                    FingerShape::Pad => f64::from(square <= 2.0),
+                }
+            };
+            let change = |c: &[f64; 3]| 2.0 * fingers.iter().map(|f| of_one(c, f)).sum::<f64>();
+            let conductivity: Vec<f64> =
+                centroids.iter().map(|c| 1e-5 * (1.0 + change(c))).collect();
+            let wanted = skin.model.forward(&conductivity).unwrap();
+            let largest = wanted.iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+            // the same formula in another order: rounding of the conductivities
+            assert!(frame.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-12 * largest));
+        }
+        let untouched = skin.model.forward(&skin.background_s()).unwrap();
+        assert_eq!(found.reference, untouched);
     }
-    assert_eq!(found.frames.row(0), found.reference);
-    assert_eq!(found.frames.row(1), found.frames.row(2));
-    assert_ne!(found.frames.row(1), found.frames.row(0));
 }
 
 #[test]
@@ -201,7 +155,7 @@ fn truth_lies_where_the_fingers_are() {
         let settings = SequenceSettings { touches, step_m: FAST_M, frames: 20, ..small() };
         let sequence = TouchSequence::random(&skin.source, &settings).unwrap();
         let truth = sequence.truth(skin.conductivity_s, &raster);
-        for (image, fingers) in truth.outer_iter().zip(&sequence.positions_m) {
+        for (image, fingers) in truth.outer_iter().zip(&sequence.positions_m()) {
             assert!(image.iter().zip(raster.mask()).all(|(x, inside)| x.is_nan() != *inside));
             let mut pixels = vec![0.0; raster.masked_pixels().len()];
             raster.pixels_from_image_into(image, &mut pixels).unwrap();
@@ -235,44 +189,38 @@ fn invalid_sequences_are_refused() {
         assert!(message.contains(words), "{message}");
     };
     let disc = source();
-    refused(&disc, SequenceSettings { touches: 0, ..small() }, "1 to 4 touches, not 0");
-    refused(&disc, SequenceSettings { touches: 5, ..small() }, "1 to 4 touches, not 5");
-    refused(&disc, SequenceSettings { frames: 0, ..small() }, "frames, not 0");
-    refused(&disc, SequenceSettings { frames: usize::MAX, ..small() }, "frames, not");
-    for step_m in [-1e-3, 0.09, f64::NAN, f64::INFINITY] {
-        refused(&disc, SequenceSettings { step_m, ..small() }, "step_m is");
-    }
-    for sigma_m in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+    refused(
+        &disc,
+        SequenceSettings { touches: 0, ..small() },
+        "fingers is 0: it must be from 1 to 4",
+    );
+    refused(
+        &disc,
+        SequenceSettings { touches: 5, ..small() },
+        "fingers is 5: it must be from 1 to 4",
+    );
+    refused(&disc, SequenceSettings { frames: 0, ..small() }, "frames is 0");
+    refused(&disc, SequenceSettings { step_m: 0.09, ..small() }, "step_m is 0.09");
+    for sigma_m in [-1.0, f64::NAN, f64::INFINITY] {
         let finger = Finger { sigma_m, ..Finger::default() };
-        refused(&disc, SequenceSettings { finger, ..small() }, "finger.sigma_m is");
-    }
-    for change in [-1.0, f64::NAN] {
-        let finger = Finger { change, ..Finger::default() };
-        refused(&disc, SequenceSettings { finger, ..small() }, "finger.change is");
+        refused(&disc, SequenceSettings { finger, ..small() }, "apart_m is");
     }
     let finger = Finger { sigma_m: 0.041, ..Finger::default() };
-    refused(&disc, SequenceSettings { finger, touches: 2, ..small() }, "4 standard deviations");
-    let ring = "shape = \"polygon\"\noutline = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]
-        holes = [[[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]]]";
-    refused(&source_of(ring, EIGHT), small(), "is not on the skin");
-    let bracket = "shape = \"polygon\"\noutline = [[0, 0], [0.2, 0], [0.2, 0.2], [0.0, 0.2],
-        [0, 0.18], [0.18, 0.18], [0.18, 0.02], [0, 0.02]]";
-    refused(&source_of(bracket, EIGHT), small(), "is not on the skin");
+    refused(&disc, SequenceSettings { finger, touches: 2, ..small() }, "cannot stay 0.164 m apart");
     refused(&source_of("shape = \"mesh\"\nfile = \"skin.msh\"", ""), small(), "not a mesh file");
+    let hemisphere = "shape = \"hemisphere\"\nradius_m = 0.1";
+    refused(&source_of(hemisphere, "count = 8\nwidth_m = 0.01"), small(), "not a hemisphere");
+    // sizes and changes of one finger that its frames refuse
+    let skin = skin(1500);
+    for (sigma_m, change) in [(0.0, 0.5), (0.012, -1.01), (0.012, f64::NAN)] {
+        let finger = Finger { sigma_m, change, ..Finger::default() };
+        let settings = SequenceSettings { finger, frames: 1, ..small() };
+        let sequence = TouchSequence::random(&disc, &settings).unwrap();
+        assert!(sequence.voltages(&skin, &mut Progress::default()).is_err(), "{sigma_m} {change}");
+    }
     let voltages = voltages(&SequenceSettings { frames: 1, ..small() });
     for std in [-1.0, f64::NAN, f64::INFINITY] {
         let message = voltages.with_noise(std, 1).err().unwrap().to_string();
         assert!(message.contains("it must be finite"), "{message}");
-    }
-}
-
-/// A rectangle's fingers play around its middle, within 0.8 of half its shorter side.
-#[test]
-fn other_skins_have_sequences_too() {
-    let source = source_of("shape = \"rectangle\"\nwidth_m = 0.3\nheight_m = 0.2", EIGHT);
-    let settings = SequenceSettings { touches: 4, ..small() };
-    let sequence = TouchSequence::random(&source, &settings).unwrap();
-    for finger in sequence.positions_m.iter().flatten() {
-        assert!(distance(*finger, [0.0; 2]) <= 0.08 + 1e-15, "{finger:?}");
     }
 }

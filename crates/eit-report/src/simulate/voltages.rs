@@ -1,9 +1,9 @@
 //! Voltages of a sequence, and noise onto them.
 
 use crate::error::ReportError;
+use eit_fem::fabric::Random;
 use eit_skin::frames::Frames;
 use ndarray::{Array1, Array2};
-use rand_distr::Distribution as _;
 
 /// Voltages of a sequence without noise.
 pub(crate) struct SequenceVoltages {
@@ -34,14 +34,9 @@ impl SequenceVoltages {
             let message = format!("noise of {std} V: it must be finite and not below zero");
             return Err(ReportError::input(message));
         }
-        let mut generator = rand_pcg::Pcg64Mcg::new(u128::from(seed) << 64 | 1);
-        let mut noise = || {
-            let sample: f64 = rand_distr::StandardNormal.sample(&mut generator);
-            std * sample
-        };
+        let mut random = Random::named(seed, "noise", 0);
         let (mut values, mut reference) = (self.frames.clone(), self.reference.clone());
-        values.iter_mut().for_each(|v| *v += noise());
-        reference.iter_mut().for_each(|v| *v += noise());
+        values.iter_mut().chain(&mut reference).for_each(|v| *v += std * random.normal());
         Ok(Frames {
             good: Array2::from_elem(values.raw_dim(), true),
             used: vec![true; reference.len()],

@@ -10,7 +10,7 @@ impl FabricSettings {
     /// [`FemError::OutOfRange`] with the parameter and its value, [`FemError::WrongLength`],
     /// [`FemError::NoSuchElectrode`].
     pub fn validate(&self, electrodes: usize) -> Result<(), FemError> {
-        let Self { membrane, piezo, rim, weave, drift, instrument } = self;
+        let Self { membrane, piezo, rim, weave, drift, instrument, linear } = self;
         let positive = [
             ("fabric.membrane.tension_n_per_m", membrane.tension_n_per_m),
             ("fabric.membrane.foundation_pa_per_m", membrane.foundation_pa_per_m),
@@ -58,6 +58,9 @@ impl FabricSettings {
             |v| (0.0..=1.0).contains(&v),
             "0 to 1",
         )?;
+        let change =
+            linear.map(|linear| ("fabric.linear.change_per_newton", linear.change_per_newton));
+        require(change, |_| true, "finite")?;
         let bits = [("fabric.instrument.bits", f64::from(instrument.bits))];
         require(bits, |v| v == 0.0 || (2.0..=32.0).contains(&v), "0 or from 2 to 32")?;
         let factor = [("fabric.instrument.open_factor", instrument.open_factor)];

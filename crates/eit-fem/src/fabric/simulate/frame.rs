@@ -4,7 +4,10 @@ use super::plan::Plan;
 use crate::error::FemError;
 use crate::fabric::conductivity::pressures_into;
 use crate::fabric::fabric_model::Fabric;
+use crate::fabric::linear;
 use crate::fabric::motion::Placed;
+use crate::fabric::pixels::pixel_means_into;
+use crate::fabric::script::Touch;
 use crate::model::Geometry;
 use crate::solve::{SolveReport, Workspace};
 use eit_mesh::Raster;
@@ -13,8 +16,10 @@ use ndarray::{Array1, Array2};
 /// One frame's numbers on their way.
 pub(super) struct Frame {
     pub index: usize,
-    pub touches: Vec<Placed>,
-    /// First the drives, then the conductivity of each element.
+    /// Its touches, and their dents; on a linear skin there are none.
+    pub touches: Vec<Touch>,
+    pub dents: Vec<Placed>,
+    /// First the drives or relative changes, then the conductivity of each element.
     pub elements: Vec<f64>,
     pub contact_impedance: Vec<f64>,
     pub shifts_m: Vec<[f64; 3]>,
@@ -47,6 +52,7 @@ impl Fabric {
         Frame {
             index: 0,
             touches: Vec::new(),
+            dents: Vec::new(),
             elements: vec![0.0; self.model.elements()],
             contact_impedance: vec![0.0; electrodes],
             shifts_m: vec![[0.0; 3]; electrodes],
@@ -77,14 +83,14 @@ impl Fabric {
     ) -> Result<(), FemError> {
         let Worker { workspace, geometry, nodes_m } = worker;
         frame.contact_impedance.copy_from_slice(&plan.contact_drift[frame.index]);
-        self.motion.add_contacts(&frame.touches, &mut frame.contact_impedance);
+        self.motion.add_contacts(&frame.dents, &mut frame.contact_impedance);
         let instrument = &self.settings.instrument;
         for (l, z) in frame.contact_impedance.iter_mut().enumerate() {
             let open = plan.open[frame.index][l] || instrument.lost.contains(&(l + 1));
             let factor = if open { instrument.open_factor } else { 1.0 };
             *z = if *z == 0.0 { 1.0 } else { z.exp() } * factor * self.contact_impedance[l];
         }
-        let touches = if self.motion.moves() { frame.touches.as_slice() } else { &[] };
+        let touches = if self.motion.moves() { frame.dents.as_slice() } else { &[] };
         self.motion.nodes_into(touches, nodes_m);
         self.motion.shifts_into(nodes_m, &mut frame.shifts_m);
         frame.area_ratio = self.area_ratio(frame.index, nodes_m)?;
@@ -95,7 +101,13 @@ impl Fabric {
             let potentials = solution.electrode_potentials();
             self.limit(compliance_v, &potentials, frame);
         }
-        pressures_into(plan.raster, &frame.touches, &mut frame.pixels_pa);
+        match self.settings.linear {
+            None => pressures_into(plan.raster, &frame.dents, &mut frame.pixels_pa),
+            Some(_) => {
+                let at = |place| linear::pressure_pa(&frame.touches, place);
+                pixel_means_into(plan.raster, at, &mut frame.pixels_pa);
+            }
+        }
         Ok(())
     }
 
@@ -153,6 +165,14 @@ pub(super) fn each(
             scope.spawn(move || frames.iter_mut().for_each(|frame| work(worker, frame)));
         }
     });
+}
+
+/// From relative changes to conductivities, without memory.
+pub(super) fn follow(plan: &Plan<'_>, frame: &mut Frame) {
+    let drift = plan.sheet_drift[frame.index].exp();
+    for (value, untouched) in frame.elements.iter_mut().zip(&plan.untouched_s) {
+        *value = untouched * (1.0 + *value) * drift;
+    }
 }
 
 /// From drives to conductivities, with the memory of each element.

@@ -118,21 +118,25 @@ impl Fabric {
     }
 }
 
-/// Touches of all frames.
+/// Touches of all frames; without dents, as on a linear skin, their contacts are as wide as their tips.
 pub(super) fn true_touches(script: &TouchScript, placed: &[Vec<Placed>]) -> Vec<TrueTouch> {
     let frames = placed.iter().enumerate();
     let of_frame = |(frame, dents): (usize, &Vec<Placed>)| {
-        let of = move |(touch, placed): (Touch, &Placed)| TrueTouch {
-            frame,
-            finger: touch.finger,
-            position_m: touch.position_m,
-            force_n: touch.force_n,
-            tip_radius_m: touch.radius_m,
-            contact_radius_m: placed.dent.contact_radius_m,
-            area_m2: PI * placed.dent.contact_radius_m.powi(2),
-            depth_m: placed.dent.depth_m,
+        let of = move |(k, touch): (usize, Touch)| {
+            let dent = dents.get(k).map(|placed| placed.dent);
+            let contact_radius_m = dent.map_or(touch.radius_m, |dent| dent.contact_radius_m);
+            TrueTouch {
+                frame,
+                finger: touch.finger,
+                position_m: touch.position_m,
+                force_n: touch.force_n,
+                tip_radius_m: touch.radius_m,
+                contact_radius_m,
+                area_m2: PI * contact_radius_m.powi(2),
+                depth_m: dent.map_or(0.0, |dent| dent.depth_m),
+            }
         };
-        script.touches(frame).into_iter().zip(dents).map(of).collect::<Vec<_>>()
+        script.touches(frame).into_iter().enumerate().map(of).collect::<Vec<_>>()
     };
     frames.flat_map(of_frame).collect()
 }

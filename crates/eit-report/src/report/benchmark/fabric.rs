@@ -5,7 +5,7 @@ use super::super::reconstruction_model::ReconstructionModel;
 use super::recording::SimulatedRecording;
 use crate::error::ReportError;
 use crate::simulate::SimulatedSequence;
-use eit_fem::fabric::{Fabric, FabricSettings, PlayCircle, SimulationSettings, TouchScript};
+use eit_fem::fabric::{FabricSettings, PlayCircle, SimulationSettings, TouchScript};
 use eit_mesh::Raster;
 use eit_skin::Progress;
 use eit_skin::frames::Frames;
@@ -46,9 +46,7 @@ pub(super) fn recording(
     let quiet = script.quiet_frames;
     let first = quiet + ARRIVAL;
     script.frames = script.frames.min(first + frames);
-    let (sheet_s, impedance) = (skin.conductivity_s, &skin.contact_impedance);
-    let settings = FabricSettings::default();
-    let fabric = Fabric::new(&skin.mesh, &skin.protocol, sheet_s, impedance, &settings)?;
+    let fabric = skin.fabric_with(&FabricSettings::default())?;
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let how = SimulationSettings { seed, threads, keep_elements: false };
     let made = progress.steps("simulate", script.frames, |bar| {

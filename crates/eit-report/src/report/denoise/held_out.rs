@@ -2,14 +2,12 @@
 
 use crate::error::ReportError;
 use eit_fem::fabric::{
-    Fabric, FabricSettings, Finger, Interpolation, Key, PlayCircle, Simulation, SimulationSettings,
+    FabricSettings, Finger, Interpolation, Key, PlayCircle, Random, Simulation, SimulationSettings,
     Tip, TouchScript,
 };
 use eit_mesh::Raster;
 use eit_skin::{Progress, Skin};
 use ndarray::{Array2, Array3};
-use rand_distr::{Distribution as _, StandardNormal, StandardUniform};
-use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
 
 /// Frames before the first touch.
@@ -118,7 +116,13 @@ pub(super) fn sequences(
         let simulated = simulator.run(&script, &settings, 203)?;
         made.push(HeldOutSequence { name: "palm", ..sequence(simulated, count, false) });
         bar.inc();
-        made.push(cuts(&simulator.skin, count)?);
+        let simulated = simulator.run(&cuts(&circle, count), &cut_skin(), 302)?;
+        made.push(HeldOutSequence {
+            name: "cut",
+            // no finger: each one found is invented
+            touches: vec![Vec::new(); count],
+            ..sequence(simulated, count, false)
+        });
         bar.inc();
         Ok(made)
     })
@@ -138,8 +142,7 @@ impl Simulator {
         seed: u64,
     ) -> Result<Simulation, ReportError> {
         let skin = &self.skin;
-        let (sheet_s, impedance) = (skin.conductivity_s, &skin.contact_impedance);
-        let fabric = Fabric::new(&skin.mesh, &skin.protocol, sheet_s, impedance, settings)?;
+        let fabric = skin.fabric_with(settings)?;
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let how = SimulationSettings { seed, threads, keep_elements: false };
         Ok(fabric.simulate(script, &self.raster, &how, &mut |_| {})?)
@@ -170,12 +173,11 @@ fn silence(frames: usize) -> TouchScript {
 
 /// Something three times as large as a fingertip that presses at places of its own.
 fn palm(circle: &PlayCircle, frames: usize) -> TouchScript {
-    let mut random = Pcg64Mcg::new(301);
-    let mut uniform = || -> f64 { StandardUniform.sample(&mut random) };
+    let mut random = Random::new(301);
     let mut keys = Vec::new();
     let mut now_s = QUIET_FRAMES as f64 / RATE_HZ;
     while now_s < frames as f64 / RATE_HZ {
-        let (r, angle) = (0.5 * circle.radius_m * uniform().sqrt(), TAU * uniform());
+        let (r, angle) = (0.5 * circle.radius_m * random.uniform().sqrt(), TAU * random.uniform());
         let position_m =
             [circle.centre_m[0] + r * angle.cos(), circle.centre_m[1] + r * angle.sin()];
         for (after_s, force_n) in [(0.0, 0.0), (0.3, 4.0), (0.7, 4.0), (0.9, 0.0)] {
@@ -188,30 +190,24 @@ fn palm(circle: &PlayCircle, frames: usize) -> TouchScript {
 }
 
 /// Discs in which the conductivity falls by four fifths, at a place of its own in each frame.
-fn cuts(skin: &Skin, frames: usize) -> Result<HeldOutSequence, ReportError> {
-    const RADIUS_M: f64 = 0.012;
-    let sheet_s = skin.conductivity_s;
-    let circle = PlayCircle::of(&skin.mesh);
-    let noise_v = FabricSettings::default().instrument.noise_v[1];
-    let mut random = Pcg64Mcg::new(302);
-    let mut values = Array2::zeros((frames, skin.protocol.measurements()));
-    for (frame, mut row) in values.rows_mut().into_iter().enumerate() {
-        let mut uniform = || -> f64 { StandardUniform.sample(&mut random) };
-        let (r, angle) = (0.7 * circle.radius_m * uniform().sqrt(), TAU * uniform());
-        let place = [circle.centre_m[0] + r * angle.cos(), circle.centre_m[1] + r * angle.sin()];
-        let centroids = skin.mesh.surface().centroids();
-        let sigma: Vec<f64> = centroids
-            .iter()
-            .map(|c| {
-                let inside = (c[0] - place[0]).hypot(c[1] - place[1]) < RADIUS_M;
-                if inside && frame >= QUIET_FRAMES { 0.2 * sheet_s } else { sheet_s }
-            })
-            .collect();
-        let exact = skin.model.forward(&sigma)?;
-        for (value, exact) in row.iter_mut().zip(exact) {
-            let normal: f64 = StandardNormal.sample(&mut random);
-            *value = exact + noise_v * normal;
-        }
-    }
-    Ok(HeldOutSequence { name: "cut", values, truth: None, touches: vec![Vec::new(); frames] })
+fn cuts(circle: &PlayCircle, frames: usize) -> TouchScript {
+    let mut random = Random::new(302);
+    let key = |frame: usize| {
+        let (r, angle) = (0.7 * circle.radius_m * random.uniform().sqrt(), TAU * random.uniform());
+        let position_m =
+            [circle.centre_m[0] + r * angle.cos(), circle.centre_m[1] + r * angle.sin()];
+        let time_s = frame as f64 / RATE_HZ;
+        Key { time_s, position_m, force_n: 1.0, radius_m: 0.012 }
+    };
+    let keys = (QUIET_FRAMES..frames).map(key).collect();
+    let finger = Finger { id: 1, tip: Tip::Flat, interpolation: Interpolation::Linear, keys };
+    TouchScript { name: "cuts".to_owned(), fingers: vec![finger], ..silence(frames) }
+}
+
+/// A skin whose conductivity falls by four fifths where it is cut, with the largest noise of the
+/// default instrument.
+fn cut_skin() -> FabricSettings {
+    let mut settings = FabricSettings::linear(-0.8);
+    settings.instrument.noise_v = [FabricSettings::default().instrument.noise_v[1]; 2];
+    settings
 }

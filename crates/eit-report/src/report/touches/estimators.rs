@@ -2,9 +2,9 @@
 //! fit.
 
 use super::detectors::{OneStepDetector, difference, total_variation};
-use super::random::Random;
 use super::simulated_disc::{AMPLITUDE, RADIUS_M, SimulatedDisc};
 use crate::error::ReportError;
+use eit_fem::fabric::Random;
 use eit_inverse::touch::{
     Bell, FitResult, FitSettings, NoiseFloor, Touch, TouchFit, TouchStream, TouchStreamSettings,
 };
@@ -123,7 +123,7 @@ impl<'a> TouchEstimators<'a> {
         reference: &[f64],
     ) -> Result<(), ReportError> {
         let mut solver = total_variation(self.disc, frames, reference, self.noise_std_v)?;
-        let mut random = Random::new(5, 0);
+        let mut random = Random::named(5, "quiet frames", 0);
         let mut images = Array2::zeros((self.quiet_frames, self.pixels.len()));
         let jitter = JITTER * AMPLITUDE * self.disc.conductivity_s();
         for mut row in images.rows_mut() {

@@ -4,9 +4,10 @@ use super::super::scores::{Scores, Truth};
 use super::super::solver::{METHODS, Solver};
 use super::super::table::{Cell, Table};
 use super::grid::Grid;
-use super::simulated_disc::{RADIUS_M, SIMULATION_NODES, SimulatedDisc};
+use super::simulated_disc::{FORCE_N, RADIUS_M, RESPONSE, SIMULATION_NODES, SimulatedDisc};
 use crate::error::ReportError;
-use crate::simulate::{Finger, FingerShape, TouchSequence};
+use crate::simulate::TouchSequence;
+use eit_fem::fabric::{Finger, Interpolation, Key, Tip, TouchScript};
 use eit_inverse::{DifferenceFrames, Stop};
 use eit_skin::Progress;
 use eit_skin::scene::Rule;
@@ -17,6 +18,8 @@ pub(super) const COMPARED: usize = METHODS.len() - 1;
 const NOISE_DB: f64 = 60.0;
 /// Frames of the held touch.
 const FRAMES: usize = 6;
+/// Frames a second.
+const RATE_HZ: f64 = 10.0;
 /// Angle of the touches: between two electrodes, off the symmetry.
 const ANGLE: f64 = 0.13;
 /// As in `report --quality`.
@@ -29,18 +32,16 @@ pub(super) fn table(
     bar: &eit_skin::Steps<'_>,
 ) -> Result<Table, ReportError> {
     let model = &disc.model;
-    let finger = Finger { shape: FingerShape::Bell, sigma_m: 0.01, change: 0.3 };
     let mut rows = Vec::new();
     for &part in grid.greit_radii {
         let r = part * disc.radius_m;
         let place = [r * f64::cos(ANGLE), r * f64::sin(ANGLE)];
-        let positions_m = vec![vec![place]; FRAMES];
-        let sequence = TouchSequence { positions_m, finger, rate_hz: 10.0 };
+        let sequence = held(place);
         let mut silent = Progress::silent();
         let voltages = sequence.voltages(&disc.simulation, &mut silent)?;
         let pixels =
             model.pixels_of(sequence.truth(disc.conductivity_s(), &model.raster).view())?;
-        let truth = Truth { pixels: &pixels, positions_m: &sequence.positions_m };
+        let truth = Truth { pixels: &pixels, positions_m: &sequence.positions_m() };
         let noise_std_v = voltages.noise_std_v(NOISE_DB);
         let frames = voltages.with_noise(noise_std_v, 1)?;
         let values = frames.differences(model.difference_kind());
@@ -80,6 +81,26 @@ pub(super) fn table(
         columns: vec!["radius", "method", "AR", "PE, mm", "RES", "SD", "RNG"],
         rows,
     })
+}
+
+/// The touch of the figures, held at a place.
+fn held(position_m: [f64; 2]) -> TouchSequence {
+    let key = |frame: usize| Key {
+        time_s: frame as f64 / RATE_HZ,
+        position_m,
+        force_n: FORCE_N,
+        radius_m: RADIUS_M,
+    };
+    let keys = vec![key(0), key(FRAMES - 1)];
+    let finger = Finger { id: 1, tip: Tip::Round, interpolation: Interpolation::Linear, keys };
+    let script = TouchScript {
+        name: "held".to_owned(),
+        frame_rate_hz: RATE_HZ,
+        frames: FRAMES,
+        quiet_frames: 0,
+        fingers: vec![finger],
+    };
+    TouchSequence { script, response: RESPONSE }
 }
 
 /// Resolution of the true bell: it is above a quarter of its peak within `sigma sqrt(2 ln 4)`.

@@ -4,9 +4,9 @@ use super::super::statistics::quantile;
 use super::super::table::{Cell, Table};
 use super::detectors::{OneStepDetector, difference, total_variation};
 use super::grid::Grid;
-use super::random::Random;
-use super::simulated_disc::{SimulatedDisc, bell};
+use super::simulated_disc::SimulatedDisc;
 use crate::error::ReportError;
+use eit_fem::fabric::Random;
 use eit_inverse::touch::{NoiseFloor, TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{AdaptiveReference, ReferenceSettings, StTvStream, StreamSettings};
 use ndarray::Array2;
@@ -74,7 +74,7 @@ fn circle(disc: &SimulatedDisc) -> Result<Vec<Vec<f64>>, ReportError> {
     let at = |k: usize| {
         let angle = TAU * k as f64 / AROUND as f64;
         let r = 0.5 * disc.radius_m;
-        [1.0, -1.0].map(|s| bell([s * r * angle.cos(), s * r * angle.sin()]))
+        [1.0, -1.0].map(|s| [s * r * angle.cos(), s * r * angle.sin()])
     };
     (0..AROUND).map(|k| disc.voltages(&at(k))).collect()
 }
@@ -101,7 +101,7 @@ fn one_step_times(
     let mut image = vec![0.0; reconstructor.image_len()];
     let mut stream = tracker(disc, floor)?;
     let mut reference = follow(disc)?;
-    let mut random = Random::new(3, 1);
+    let mut random = Random::named(3, "noise, one-step", 0);
     let (mut seconds, mut touched, mut contact) = (Vec::with_capacity(frames), 0, false);
     for k in 0..QUIET + frames {
         let frame = random.noisy(shown(disc, clean, k), noise);
@@ -125,7 +125,7 @@ fn one_step_times(
 
 fn tv_times(disc: &SimulatedDisc, clean: &[Vec<f64>], frames: usize) -> Result<Run, ReportError> {
     let noise = disc.noise_std_v(NOISE_DB);
-    let mut random = Random::new(3, 2);
+    let mut random = Random::named(3, "noise, total variation", 0);
     let mut few = Array2::zeros((8, disc.reference_v.len()));
     for (mut row, voltages) in few.rows_mut().into_iter().zip(clean) {
         row.iter_mut().zip(random.noisy(voltages, noise)).for_each(|(r, v)| *r = v);

@@ -4,15 +4,15 @@
 use super::super::statistics::{quantile, rms};
 use super::super::table::{Cell, Table};
 use super::estimators::{Estimator, TouchEstimators};
-use super::fabric::{FabricFrames, simulate};
 use super::grid::Grid;
-use super::random::Random;
 use super::simulated_disc::{RINGS, SimulatedDisc, distance_m};
 use crate::error::ReportError;
+use crate::simulate::FabricFrames;
 use eit_fem::fabric::{
-    FabricSettings, Finger, Instrument, Interpolation, Key, Membrane, Rim, Tip, TouchScript,
+    FabricSettings, Finger, Instrument, Interpolation, Key, Membrane, Random, Rim, Tip, TouchScript,
 };
 use eit_inverse::touch::{Bell, Nuisance};
+use eit_skin::Progress;
 use ndarray::{Array2, Axis};
 use std::f64::consts::{SQRT_2, TAU};
 
@@ -72,11 +72,11 @@ pub(super) fn table(
     let mut rows = Vec::new();
     for (number, case) in fabrics().iter().enumerate() {
         let pressed = pressed(disc, case, &flat)?;
-        let reference = &pressed.reference;
+        let PressedFrames { values, reference } = &pressed;
         for (ring, places) in all.iter().enumerate() {
             let from = ring * grid.places;
             let frames: Vec<Vec<f64>> =
-                (from..from + grid.places).map(|k| pressed.values.row(k).to_vec()).collect();
+                (from..from + grid.places).map(|k| values.row(k).to_vec()).collect();
             if number == 0 {
                 bounds_m[ring] = bound_m(&mut estimators, &frames, reference)?;
             }
@@ -128,13 +128,21 @@ pub(super) fn table(
     })
 }
 
-/// One frame of a finger at each place, and the untouched skin, without instrument.
+/// Frames without instrument.
+struct PressedFrames {
+    /// Volt, [place, measurement].
+    values: Array2<f64>,
+    /// The untouched skin, volt.
+    reference: Vec<f64>,
+}
+
+/// One frame of a finger at each place, and the untouched skin.
 fn pressed(
     disc: &SimulatedDisc,
     case: &FabricCase,
     places: &[[f64; 2]],
-) -> Result<FabricFrames, ReportError> {
-    let mut random = Random::new(29, 0);
+) -> Result<PressedFrames, ReportError> {
+    let mut random = Random::named(29, "direction of sliding", 0);
     let finger = |k: usize, place: [f64; 2]| {
         let angle = TAU * random.uniform();
         let step = if case.slides { STEP_M } else { 0.0 };
@@ -164,9 +172,11 @@ fn pressed(
             })
             .collect(),
     };
-    let FabricFrames { values, reference } = simulate(disc, &case.settings, &script)?;
+    let mut silent = Progress::silent();
+    let made = FabricFrames::simulate(&disc.simulation, &case.settings, &script, &mut silent)?;
     let wanted: Vec<usize> = (0..places.len()).map(|k| 2 * k + 2).collect();
-    Ok(FabricFrames { values: values.select(Axis(0), &wanted), reference })
+    let (values, reference) = (made.exact_v.select(Axis(0), &wanted), made.reference_v.to_vec());
+    Ok(PressedFrames { values, reference })
 }
 
 /// Bound of the bells that fit frames without noise, root mean square distance, metres.
@@ -195,7 +205,7 @@ fn errors_m(
 ) -> Result<[Vec<f64>; 3], ReportError> {
     let mut errors: [Vec<f64>; 3] = Default::default();
     for (k, (place, clean)) in places.iter().zip(frames).enumerate() {
-        let mut random = Random::new(31, k as u64);
+        let mut random = Random::named(31, "noise at a place", k as u64);
         if k == 0 {
             let frame = random.noisy(clean, estimators.noise_std_v);
             let frame = Array2::from_shape_vec((1, frame.len()), frame)

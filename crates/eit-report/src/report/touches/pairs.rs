@@ -4,9 +4,9 @@ use super::super::table::{Cell, Table};
 use super::estimators::{Estimator, TouchEstimators};
 use super::grid::Grid;
 use super::noise_levels::at_each;
-use super::random::Random;
-use super::simulated_disc::{RADIUS_M, RINGS, SimulatedDisc, bell, distance_m};
+use super::simulated_disc::{RADIUS_M, RINGS, SimulatedDisc, distance_m};
 use crate::error::ReportError;
+use eit_fem::fabric::Random;
 use eit_inverse::touch::Touch;
 use ndarray::Array2;
 use std::f64::consts::TAU;
@@ -111,11 +111,11 @@ fn separates(
     for trial in 0..grid.pair_trials {
         let place = trial / per_place;
         let seed = (10.0 * noise_db + 1e6 * pair.apart_m + 1e5 * pair.ring) as u64;
-        let mut random = Random::new(trial as u64, seed);
+        let mut random = Random::named(trial as u64, "noise of a pair", seed);
         if trial % per_place == 0 {
-            let angle = TAU * Random::new(23, place as u64).uniform();
+            let angle = TAU * Random::named(23, "angle of a pair", place as u64).uniform();
             truth = pair.places(disc, angle);
-            clean = disc.voltages(&truth.map(bell))?;
+            clean = disc.voltages(&truth)?;
             if trial == 0 && estimator == Estimator::StTvImage {
                 let frame = random.noisy(&clean, estimators.noise_std_v);
                 let frame = Array2::from_shape_vec((1, frame.len()), frame)

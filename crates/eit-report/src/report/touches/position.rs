@@ -5,9 +5,9 @@ use super::super::table::{Cell, Table};
 use super::estimators::{Estimator, TouchEstimators};
 use super::grid::Grid;
 use super::noise_levels::at_each;
-use super::random::Random;
 use super::simulated_disc::{RADIUS_M, RINGS, SimulatedDisc, bell, distance_m};
 use crate::error::ReportError;
+use eit_fem::fabric::Random;
 use eit_inverse::touch::Nuisance;
 use ndarray::Array2;
 use std::f64::consts::SQRT_2;
@@ -71,10 +71,11 @@ fn at_ring(
     let mut bounds_m = Vec::new();
     for (k, place) in disc.places(ring, grid.places).into_iter().enumerate() {
         let truth = bell(place);
-        let clean = disc.voltages(&[truth])?;
+        let clean = disc.voltages(&[place])?;
         let bounds = estimators.fit.bound(&[truth], Nuisance::AmplitudeAndRadius)?;
         bounds_m.extend(bounds.iter().map(|b| SQRT_2 * b.position_std_m));
-        let mut random = Random::new(k as u64, (10.0 * noise_db + 1000.0 * ring) as u64);
+        let mut random =
+            Random::named(k as u64, "noise at a place", (10.0 * noise_db + 1000.0 * ring) as u64);
         let noise = estimators.noise_std_v;
         if k == 0 {
             let few = (0..WEIGHT_FRAMES).flat_map(|_| random.noisy(&clean, noise)).collect();

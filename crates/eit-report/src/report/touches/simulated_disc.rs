@@ -2,8 +2,8 @@
 
 use super::super::reconstruction_model::ReconstructionModel;
 use super::super::statistics::rms;
-use super::random::Random;
 use crate::error::ReportError;
+use eit_fem::fabric::{LinearResponse, Random, Tip, Touch};
 use eit_inverse::metrics::Cells;
 use eit_inverse::touch::Bell;
 use eit_mesh::SkinShape;
@@ -16,6 +16,10 @@ use std::f64::consts::TAU;
 /// Touch of the figures: a bell of 10 mm and 30 %.
 pub(super) const RADIUS_M: f64 = 0.010;
 pub(super) const AMPLITUDE: f64 = 0.3;
+/// Its force, newton, and the skin that makes that change of it.
+pub(super) const FORCE_N: f64 = 1.0;
+pub(super) const RESPONSE: LinearResponse =
+    LinearResponse { change_per_newton: AMPLITUDE / FORCE_N };
 
 /// Parts of the skin's radius that stand for centre, half way and rim.
 pub(super) const RINGS: [f64; 3] = [0.0, 0.5, 0.8];
@@ -75,16 +79,19 @@ impl SimulatedDisc {
         rms(&self.reference_v) * 10_f64.powf(-noise_db / 20.0)
     }
 
-    /// Voltages of a skin with bells, without noise.
-    pub fn voltages(&self, bells: &[Bell]) -> Result<Vec<f64>, ReportError> {
-        let of = |p: &[f64; 3], bell: &Bell| {
-            let d2: f64 = (0..3).map(|i| (p[i] - bell.position_m[i]).powi(2)).sum();
-            bell.amplitude * (-0.5 * d2 / bell.radius_m.powi(2)).exp()
+    /// Voltages of a skin with touches at places, without noise.
+    pub fn voltages(&self, places_m: &[[f64; 2]]) -> Result<Vec<f64>, ReportError> {
+        let touch = |&position_m: &[f64; 2]| Touch {
+            finger: 1,
+            tip: Tip::Round,
+            position_m,
+            force_n: FORCE_N,
+            radius_m: RADIUS_M,
+            direction: [0.0; 2],
         };
+        let touches: Vec<Touch> = places_m.iter().map(touch).collect();
         let centroids = self.simulation.mesh.surface().centroids();
-        let change = |p: &[f64; 3]| bells.iter().map(|bell| of(p, bell)).sum::<f64>();
-        let sigma: Vec<f64> =
-            centroids.iter().map(|p| self.conductivity_s() * (1.0 + change(p))).collect();
+        let sigma = RESPONSE.conductivity_s(self.conductivity_s(), &touches, &centroids);
         Ok(self.simulation.model.forward(&sigma)?.to_vec())
     }
 
@@ -109,7 +116,7 @@ impl SimulatedDisc {
     /// no symmetry helps. The centre is one place.
     pub fn places(&self, ring: f64, count: usize) -> Vec<[f64; 2]> {
         let electrodes = self.simulation.mesh.electrodes().len() as f64;
-        let first = TAU * Random::new(17, (100.0 * ring) as u64).uniform();
+        let first = TAU * Random::named(17, "places of a ring", (100.0 * ring) as u64).uniform();
         let at = |k: usize| {
             // once around the skin, and once through the gap between electrodes
             let part = k as f64 / count as f64;

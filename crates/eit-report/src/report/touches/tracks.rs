@@ -3,16 +3,16 @@
 use super::super::statistics::quantile;
 use super::super::table::{Cell, Table};
 use super::detectors::{OneStepDetector, difference, total_variation};
-use super::fabric::{FabricFrames, simulate};
 use super::grid::Grid;
 use super::noise_levels::at_each;
-use super::random::Random;
 use super::simulated_disc::SimulatedDisc;
 use super::tracking_scores::{FULL_N, PresentFinger, TrackingScores, WITHIN_M};
 use crate::error::ReportError;
-use eit_fem::fabric::{FabricSettings, Finger, Interpolation, Key, Tip, TouchScript};
+use crate::simulate::FabricFrames;
+use eit_fem::fabric::{FabricSettings, Finger, Interpolation, Key, Random, Tip, TouchScript};
 use eit_inverse::touch::{TouchState, TouchStream, TouchStreamSettings};
 use eit_inverse::{AdaptiveReference, ReferenceSettings, StTvStream, StreamSettings};
+use eit_skin::Progress;
 use ndarray::{Array2, Axis};
 use std::f64::consts::TAU;
 
@@ -57,10 +57,10 @@ pub(super) fn table(
 ) -> Result<Table, ReportError> {
     let settings =
         FabricSettings { instrument: FabricSettings::ideal().instrument, ..Default::default() };
-    let mut recordings = Vec::new();
+    let (mut recordings, mut silent) = (Vec::new(), Progress::silent());
     for fingers in 1..=MOST {
         let script = script(disc, fingers, grid.track_frames);
-        let frames = simulate(disc, &settings, &script)?;
+        let frames = FabricFrames::simulate(&disc.simulation, &settings, &script, &mut silent)?;
         let present = (0..script.frames).map(|frame| present(&script, frame)).collect();
         recordings.push(Recording { fingers, frames, present });
         bar.inc();
@@ -123,7 +123,7 @@ fn row(fingers: usize, noise_db: f64, stream: ImageStream, scores: &TrackingScor
 fn script(disc: &SimulatedDisc, fingers: usize, frames: usize) -> TouchScript {
     let end_s = frames as f64 / RATE_HZ;
     let finger = |k: usize| {
-        let mut random = Random::new(43, (10 * fingers + k) as u64);
+        let mut random = Random::named(43, "fingers", (10 * fingers + k) as u64);
         let middle = TAU * k as f64 / fingers as f64;
         let half = (0.25 * TAU / fingers as f64).min(0.6);
         let mut now_s = QUIET as f64 / RATE_HZ + 0.5 + k as f64 * 0.4;
@@ -174,8 +174,8 @@ fn present(script: &TouchScript, frame: usize) -> Vec<PresentFinger> {
 
 /// A recording with noise of a seed that its number of fingers decides.
 fn noisy(recording: &Recording, noise_std_v: f64) -> Array2<f64> {
-    let mut random = Random::new(41, recording.fingers as u64);
-    let mut noisy = recording.frames.values.clone();
+    let mut random = Random::named(41, "noise", recording.fingers as u64);
+    let mut noisy = recording.frames.exact_v.clone();
     noisy.iter_mut().for_each(|v| *v += noise_std_v * random.normal());
     noisy
 }
@@ -206,7 +206,7 @@ fn follow(
             // frames of the first touches choose the weights
             let few: Vec<usize> = (QUIET + 10..QUIET + 18).collect();
             let few = frames.select(Axis(0), &few);
-            let untouched = &recording.frames.reference;
+            let untouched = recording.frames.reference_v.as_slice().unwrap_or_default();
             let solver = total_variation(disc, few, untouched, noise_std_v)?;
             Some(StTvStream::new(solver, how)?)
         }

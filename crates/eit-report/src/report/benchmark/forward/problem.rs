@@ -157,7 +157,9 @@ impl ForwardProblem {
         let centroids = mesh.surface().centroids();
         let background_s = self.scene.skin.conductivity_s;
         match &self.touch {
-            Some(touch) => touch.conductivity_s(background_s, &centroids, &touch.positions_m[0]),
+            Some(touch) => {
+                touch.response.conductivity_s(background_s, &touch.script.touches(0), &centroids)
+            }
             None => vec![background_s; centroids.len()],
         }
     }

@@ -1,0 +1,194 @@
+//! Random closed paths of fingers that never meet.
+//!
+//! Each of n fingers has a round territory of its own. With `R` 0.8 of the play circle's radius, `d`
+//! the smallest distance of two fingers and n >= 2, the territories' centres stand on a circle of
+//! radius `R - rho` at equal angles, and
+//!
+//! ```text
+//! rho = (R sin(pi / n) - d / 2) / (1 + sin(pi / n))
+//! ```
+//!
+//! makes neighbouring territories exactly `d` apart; one finger has the whole circle. Inside its
+//! territory a finger runs an epicycle `m + a (e^(i s u) + b e^(i k u + i w))` with random centre
+//! `m`, size `a (1 + b)`, sense `s`, and 2 or 3 turns `k` of the small circle to one of the large.
+//! `b <= 1/4` keeps `|dp/du| >= a / 4`: the path bends now more, now less, and has no corners.
+
+use super::contact::Tip;
+use super::play_circle::PlayCircle;
+use super::random::Random;
+use super::script::{Finger, Interpolation, Key, TouchScript};
+use crate::error::FemError;
+use std::f64::consts::{PI, TAU};
+
+/// Part of the play circle's radius that fingers stay inside: nearer to the rim, a bell of 12 mm on
+/// a skin of 0.1 m would be cut by it.
+const INSIDE: f64 = 0.8;
+/// Most fingers.
+const MOST_FINGERS: usize = 4;
+/// Most frames: more are probably a typing error.
+const MOST_FRAMES: usize = 1_000_000;
+/// Chords that stand for a path when its length is measured: their sum is short by less than 1e-5
+/// of it, and a place between two of their ends is known to 3e-6 of the path's size.
+const CHORDS: usize = 2048;
+
+/// Fingers on random closed paths that all go the same way from frame to frame and press all the
+/// time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RandomPaths {
+    /// Fingers, 1 to 4; all are alike.
+    pub fingers: usize,
+    /// Frames; fewer are the first ones of more.
+    pub frames: usize,
+    /// Frames a second.
+    pub frame_rate_hz: f64,
+    /// Way of every finger from one frame to the next along its path, metres; 0: at rest.
+    pub step_m: f64,
+    /// Smallest distance of two fingers, metres.
+    pub apart_m: f64,
+    /// Shape of the fingers.
+    pub tip: Tip,
+    /// Metres; see [`Tip`].
+    pub radius_m: f64,
+    /// Newton.
+    pub force_n: f64,
+    /// Decides the paths.
+    pub seed: u64,
+}
+
+impl RandomPaths {
+    /// The script, with fingers numbered from 1. All places lie within 0.8 of the circle's radius and
+    /// at least `apart_m` from each other.
+    ///
+    /// # Errors
+    /// [`FemError::OutOfRange`] for a number of fingers or frames, [`FemError::NoRoom`] for fingers
+    /// too large for the circle, [`FemError::StepTooLong`].
+    pub fn script(&self, circle: &PlayCircle) -> Result<TouchScript, FemError> {
+        let (reach_m, territory_m) = self.room(circle)?;
+        let mut random = Random::named(self.seed, "paths", 0);
+        let first_angle = random.between(0.0, TAU);
+        let ring_m = if self.fingers == 1 { 0.0 } else { reach_m - territory_m };
+        let fingers = (0..self.fingers).map(|k| {
+            let (sin, cos) = (first_angle + TAU * k as f64 / self.fingers as f64).sin_cos();
+            let [x, y] = circle.centre_m;
+            let home = [x + ring_m * cos, y + ring_m * sin];
+            self.finger(k as u32 + 1, &Path::random(home, territory_m, &mut random))
+        });
+        Ok(TouchScript {
+            name: "random-paths".to_owned(),
+            frame_rate_hz: self.frame_rate_hz,
+            frames: self.frames,
+            quiet_frames: 0,
+            fingers: fingers.collect(),
+        })
+    }
+
+    /// Radii of the circle that holds all fingers and of each finger's territory, metres.
+    fn room(&self, circle: &PlayCircle) -> Result<(f64, f64), FemError> {
+        let Self { fingers, frames, step_m, apart_m, .. } = *self;
+        let out_of_range =
+            |quantity, value, must| Err(FemError::OutOfRange { quantity, value, must });
+        if !(1..=MOST_FINGERS).contains(&fingers) {
+            return out_of_range("fingers", fingers as f64, "from 1 to 4");
+        }
+        if !(1..=MOST_FRAMES).contains(&frames) {
+            return out_of_range("frames", frames as f64, "from 1 to 1000000");
+        }
+        if !(apart_m >= 0.0 && apart_m.is_finite()) {
+            return out_of_range("apart_m", apart_m, "finite and at least zero");
+        }
+        let reach_m = INSIDE * circle.radius_m;
+        let territory_m = match fingers {
+            1 => reach_m,
+            _ => {
+                let sin = (PI / fingers as f64).sin();
+                (reach_m * sin - 0.5 * apart_m) / (1.0 + sin)
+            }
+        };
+        if territory_m <= 0.0 {
+            return Err(FemError::NoRoom { fingers, apart_m, reach_m });
+        }
+        if !(0.0..=territory_m).contains(&step_m) {
+            return Err(FemError::StepTooLong { step_m, fingers, most_m: territory_m });
+        }
+        Ok((reach_m, territory_m))
+    }
+
+    /// A finger with a key at every frame.
+    fn finger(&self, id: u32, path: &Path) -> Finger {
+        let key = |frame: usize| Key {
+            time_s: frame as f64 / self.frame_rate_hz,
+            position_m: path.at(frame as f64 * self.step_m),
+            force_n: self.force_n,
+            radius_m: self.radius_m,
+        };
+        let keys = (0..self.frames).map(key).collect();
+        Finger { id, tip: self.tip, interpolation: Interpolation::Linear, keys }
+    }
+}
+
+/// An epicycle; see the module.
+struct Path {
+    middle: [f64; 2],
+    large_m: f64,
+    small_m: f64,
+    sense: f64,
+    turns: f64,
+    phase: f64,
+    /// Parameter at arc length 0.
+    start: f64,
+    /// Arc length at each of `CHORDS + 1` equal steps of the parameter, from 0.
+    lengths_m: Vec<f64>,
+}
+
+impl Path {
+    fn random(home: [f64; 2], territory_m: f64, random: &mut Random) -> Self {
+        let size_m = territory_m * random.between(0.6, 0.95);
+        let share = random.between(0.05, 0.25);
+        let (sin, cos) = random.between(0.0, TAU).sin_cos();
+        // equally likely everywhere that the size leaves free
+        let off_m = (territory_m - size_m) * random.between(0.0, 1.0).sqrt();
+        let mut sign = || if random.between(0.0, 1.0) < 0.5 { -1.0 } else { 1.0 };
+        let (sense, turn_sense) = (sign(), sign());
+        let large_m = size_m / (1.0 + share);
+        let mut path = Self {
+            middle: [home[0] + off_m * cos, home[1] + off_m * sin],
+            large_m,
+            small_m: share * large_m,
+            sense,
+            turns: turn_sense * random.between(2.0, 4.0).floor(),
+            phase: random.between(0.0, TAU),
+            start: random.between(0.0, TAU),
+            lengths_m: vec![0.0],
+        };
+        let mut length_m = 0.0;
+        for k in 0..CHORDS {
+            let (p, q) = (path.point(path.parameter(k as f64)), path.parameter((k + 1) as f64));
+            let q = path.point(q);
+            length_m += (q[0] - p[0]).hypot(q[1] - p[1]);
+            path.lengths_m.push(length_m);
+        }
+        path
+    }
+
+    fn parameter(&self, chord: f64) -> f64 {
+        self.start + TAU * chord / CHORDS as f64
+    }
+
+    fn point(&self, u: f64) -> [f64; 2] {
+        let (large_sin, large_cos) = (self.sense * u).sin_cos();
+        let (small_sin, small_cos) = (self.turns * u + self.phase).sin_cos();
+        [
+            self.middle[0] + self.large_m * large_cos + self.small_m * small_cos,
+            self.middle[1] + self.large_m * large_sin + self.small_m * small_sin,
+        ]
+    }
+
+    /// The point at an arc length, going around again after the end; always on the path.
+    fn at(&self, length_m: f64) -> [f64; 2] {
+        let along = length_m.rem_euclid(self.lengths_m[CHORDS]);
+        let k = self.lengths_m.partition_point(|l| *l <= along).clamp(1, CHORDS);
+        let (before, after) = (self.lengths_m[k - 1], self.lengths_m[k]);
+        let part = (along - before) / (after - before);
+        self.point(self.parameter((k - 1) as f64 + part))
+    }
+}

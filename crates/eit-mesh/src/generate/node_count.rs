@@ -1,0 +1,74 @@
+//! The edge length that gives a number of nodes.
+
+use super::{generate, generate_placed};
+use crate::settings::{MeshSettings, NODES_PER_SQUARE_EDGE, stretch};
+use crate::{Mesh, MeshError, PlacedElectrode, RimElectrodes, SkinShape};
+
+impl MeshSettings {
+    /// These settings with the interior edge length that gives about `nodes` nodes (within 2 %,
+    /// within 10 % where the mesh is too coarse to hit the number), found by meshing without
+    /// smoothing a few times.
+    ///
+    /// # Errors
+    /// As [`generate`], and [`MeshError::OutOfRange`] for a number that cannot be reached because
+    /// electrode ends and corners alone need more.
+    pub fn for_nodes(
+        &self,
+        shape: &SkinShape,
+        electrodes: &RimElectrodes,
+        nodes: usize,
+    ) -> Result<Self, MeshError> {
+        self.for_about(shape, nodes, |trial| generate(shape, electrodes, trial))
+    }
+
+    /// [`for_nodes`](Self::for_nodes) for electrodes by position.
+    ///
+    /// # Errors
+    /// As [`generate_placed`], and [`MeshError::OutOfRange`] as there.
+    pub fn for_nodes_placed(
+        &self,
+        shape: &SkinShape,
+        electrodes: &[PlacedElectrode],
+        nodes: usize,
+    ) -> Result<Self, MeshError> {
+        self.for_about(shape, nodes, |trial| generate_placed(shape, electrodes, trial))
+    }
+
+    fn for_about(
+        &self,
+        shape: &SkinShape,
+        nodes: usize,
+        mesh: impl Fn(&Self) -> Result<Mesh, MeshError>,
+    ) -> Result<Self, MeshError> {
+        let area_m2 = shape.outline()?.area_m2();
+        let out_of_range = |must| {
+            let (quantity, value) = ("number of nodes", nodes as f64);
+            Err(MeshError::OutOfRange { quantity, value, must })
+        };
+        if nodes < 3 {
+            return out_of_range("at least 3");
+        }
+        let mut edge_m = stretch(shape) * (NODES_PER_SQUARE_EDGE * area_m2 / nodes as f64).sqrt();
+        let mut best = (f64::INFINITY, edge_m);
+        for _ in 0..8 {
+            let trial = Self { edge_m: Some(edge_m), smoothing_rounds: 0, ..self.clone() };
+            let found = mesh(&trial)?.surface().nodes().len();
+            let ratio = found as f64 / nodes as f64;
+            let miss = (ratio - 1.0).abs();
+            if miss < best.0 {
+                best = (miss, edge_m);
+            }
+            if miss < 0.02 {
+                break;
+            }
+            edge_m *= ratio.sqrt();
+        }
+        if best.0 > 0.1 {
+            return out_of_range(
+                "a number that the electrode ends and corners leave room for (raise \
+                 electrode_edge_m or grading, or ask for more)",
+            );
+        }
+        Ok(Self { edge_m: Some(best.1), ..self.clone() })
+    }
+}
