@@ -111,6 +111,9 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
             1e3 * worst
         );
     }
+    for fault in &summary.faults {
+        text += &format!("\n{}", fault.words());
+    }
     text += &format!("\nimages: {}", summary.images_words());
     for notice in summary.notices.iter().take(20) {
         text += &format!("\nit said: {notice}");
@@ -127,6 +130,7 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
         "references": summary.references,
         "latency_s": { "median": median, "p95": high, "worst": worst },
         "images": summary.images_json(),
+        "faulty_electrodes": summary.faults_json(),
         "notices": summary.notices,
         "notices_left_out": summary.more_notices,
         "files": files,

@@ -10,6 +10,7 @@
 //! frames.
 
 use eit_fem::Protocol;
+use serde_json::{Value, json};
 use std::collections::HashMap;
 
 /// Frames that a stuck electrode repeats itself.
@@ -22,8 +23,10 @@ const MOVING_STEPS: f64 = 3.0;
 const FAULTY: f64 = 0.5;
 /// A pair is wrong where its halves differ by so many standard deviations of the noise ...
 const WRONG_STD: f64 = 10.0;
-/// ... and this part of their change: gains of real channels are not equal.
-const WRONG_PART: f64 = 5e-3;
+/// ... this part of their change, since gains of real channels are not equal, ...
+const WRONG_PART: f64 = 0.25;
+/// ... and this part of their reference, since real channels drift apart.
+const WRONG_DRIFT: f64 = 1e-3;
 /// A measurement below this part of its reference is dead.
 const DEAD: f64 = 0.02;
 /// Frames in a row that must blame an electrode's gain.
@@ -67,6 +70,23 @@ pub struct ElectrodeFault {
     pub kind: FaultKind,
     /// Time of the frame in which it was found, seconds.
     pub since_s: f64,
+}
+
+impl ElectrodeFault {
+    /// For people; electrodes are numbered from 1.
+    pub fn words(&self) -> String {
+        let Self { electrode, kind, since_s } = self;
+        format!("electrode {} {}; left out from {since_s:.2} s on", electrode + 1, kind.words())
+    }
+
+    /// For programs; electrodes are numbered from 1.
+    pub fn json(&self) -> Value {
+        json!({
+            "electrode": self.electrode + 1,
+            "fault": self.kind.words(),
+            "since_s": self.since_s,
+        })
+    }
 }
 
 /// An electrode under suspicion.
@@ -204,7 +224,9 @@ impl FaultMonitor {
             if twin != i && self.used[twin] && !self.is_missing[twin] {
                 let [a, b] = [i, twin].map(|k| values[k] - reference[k]);
                 let noise = self.std_v[i].hypot(self.std_v[twin]);
-                let allowed = WRONG_STD * noise + WRONG_PART * a.abs().max(b.abs());
+                let size = reference[i].abs().max(reference[twin].abs());
+                let allowed =
+                    WRONG_STD * noise + WRONG_PART * a.abs().max(b.abs()) + WRONG_DRIFT * size;
                 wrong |= (a - b).abs() > allowed || is_dead(twin);
             }
             self.is_wrong[i] = wrong;

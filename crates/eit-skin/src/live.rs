@@ -173,6 +173,7 @@ impl LiveModel {
                 }
                 Pushed::Image(shown) => {
                     summary.take(shown.touches, shown.images.state(), shown.latency_s);
+                    summary.take_faults(shown.faults);
                     observer.frame(&shown)?;
                     let first = *first_frame.get_or_insert_with(Instant::now);
                     summary.span_s = first.elapsed().as_secs_f64();

@@ -28,13 +28,31 @@ pub fn noise_std_of_quiet_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>
     let mut sorted: Vec<f64> = noise.iter().copied().filter(|e| *e > 0.0).collect();
     sorted.sort_by(f64::total_cmp);
     let Some(&median) = sorted.get(sorted.len() / 2) else {
-        let (quantity, value) = ("noise of the quiet frames", 0.0);
-        let must = "above zero: the frames are all equal";
-        return Err(InverseError::OutOfRange { quantity, value, must });
+        return rounding_of_equal_frames(frames);
     };
     let rounding = smallest_step(frames) / 12.0_f64.sqrt();
     Ok(noise.iter().map(|e| e.max(rounding).max(0.1 * median)).collect())
 }
+
+/// Noise of frames that are all equal: a converter so coarse that it hides what noise there is. Its
+/// step is the smallest difference between any two values of a frame.
+fn rounding_of_equal_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>, InverseError> {
+    let mut values: Vec<f64> = frames.row(0).iter().copied().filter(|v| *v != 0.0).collect();
+    values.sort_by(f64::total_cmp);
+    let largest = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    let gaps = values.windows(2).map(|pair| pair[1] - pair[0]);
+    // a finer converter than this would show noise
+    let step = gaps.filter(|gap| *gap > FINEST * largest).fold(f64::INFINITY, f64::min);
+    if step.is_finite() {
+        return Ok(vec![step / 12.0_f64.sqrt(); frames.ncols()]);
+    }
+    let (quantity, value) = ("noise of the quiet frames", 0.0);
+    let must = "above zero: the frames are all equal";
+    Err(InverseError::OutOfRange { quantity, value, must })
+}
+
+/// Finest step of a converter that hides all noise, as a part of the largest value: 14 bits.
+const FINEST: f64 = 6e-5;
 
 /// The smallest change of a channel from one of some frames `[frame, measurement]` to the next that is
 /// not zero: one step of the converter where there is rounding, far below the noise where there is

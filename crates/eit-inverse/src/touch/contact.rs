@@ -50,6 +50,9 @@ pub struct Touch {
     /// others, and its position is known to
     /// [`max_position_std_m`](crate::touch::TouchStreamSettings::max_position_std_m).
     pub valid: bool,
+    /// Whether every measurement counted: false where faulty electrodes or bad values were left out of
+    /// the frame, so that less is known than otherwise.
+    pub whole: bool,
     /// The touch out of whose area this one came.
     pub split_from: Option<u64>,
     /// The touch in whose area this one has vanished; it may come back.

@@ -29,6 +29,7 @@ mod dictionary;
 mod least_squares;
 mod memory;
 mod places;
+mod quiet;
 mod rows;
 mod search;
 mod settings;
@@ -44,7 +45,7 @@ use dictionary::Dictionary;
 use eit_mesh::Surface;
 use faer::Mat;
 use memory::Memory;
-use ndarray::ArrayRef2;
+use ndarray::{ArrayRef2, ArrayView2};
 use places::Places;
 use rows::Rows;
 use search::{Scene, Search};
@@ -66,6 +67,9 @@ pub struct DetectorModel<'a> {
     pub reference_v: &'a [f64],
     /// Noise of a frame less the reference, volts.
     pub noise_std_v: &'a [f64],
+    /// Frames during which nothing touched the skin, `[frame, measurement]`, volts: what they hold
+    /// beyond the noise (waves in a tank, hum, a cable that swings) is no touch. May have no rows.
+    pub quiet_v: ArrayView2<'a, f64>,
     /// Which measurements count.
     pub used: &'a [bool],
     /// Index of each measurement's reciprocal; its own where there is none.
@@ -171,6 +175,17 @@ impl TouchDetector {
             0.5 * (column(i) + column(j))
         });
         let whitening = Whitening::new(&variances, unknowns.as_ref())?;
+        let whitening = match quiet::components(&rows, &whitening, model.quiet_v) {
+            Some(more) => {
+                let (known, count) = (unknowns.ncols(), unknowns.ncols() + more.ncols());
+                let all = Mat::from_fn(n, count, |i, k| match k.checked_sub(known) {
+                    None => unknowns[(i, k)],
+                    Some(k) => more[(i, k)],
+                });
+                Whitening::new(&variances, all.as_ref())?
+            }
+            None => whitening,
+        };
         let places = Places::new(model.surface, settings.spacing_m);
         let dictionary =
             Dictionary::new(model.surface, model.jacobian, &places, &rows, &whitening, &settings)?;
@@ -416,6 +431,9 @@ fn check(model: &DetectorModel<'_>) -> Result<(), InverseError> {
     check_length("noise_std_v", model.noise_std_v.len(), measurements)?;
     check_length("used", model.used.len(), measurements)?;
     check_length("reciprocal", model.reciprocal.len(), measurements)?;
+    if model.quiet_v.nrows() > 0 {
+        check_length("quiet_v", model.quiet_v.ncols(), measurements)?;
+    }
     for i in (0..measurements).filter(|&i| model.used[i]) {
         let value = model.reference_v[i];
         if !value.is_finite() {

@@ -97,6 +97,7 @@ pub struct TouchTracker {
     next_id: u64,
     before_s: Option<f64>,
     frame: usize,
+    is_whole: bool,
     touches: Vec<Touch>,
 }
 
@@ -115,17 +116,23 @@ impl TouchTracker {
             next_id: 1,
             before_s: None,
             frame: 0,
+            is_whole: true,
             touches: Vec::with_capacity(2 * most),
             settings,
         })
     }
 
     /// Takes the touches of a frame at `time_s` and returns those that are followed, by ascending id;
-    /// one that ends is among them once more.
+    /// one that ends is among them once more. `is_whole`: every measurement of the frame counted.
     ///
     /// # Errors
     /// [`InverseError::TimeOrder`]. The tracker is then as before.
-    pub fn push(&mut self, found: &[DetectedTouch], time_s: f64) -> Result<&[Touch], InverseError> {
+    pub fn push(
+        &mut self,
+        found: &[DetectedTouch],
+        time_s: f64,
+        is_whole: bool,
+    ) -> Result<&[Touch], InverseError> {
         let before_s = self.before_s.unwrap_or(f64::NEG_INFINITY);
         if !(time_s.is_finite() && time_s > before_s) {
             return Err(InverseError::TimeOrder { frame: self.frame, time_s, before_s });
@@ -133,6 +140,7 @@ impl TouchTracker {
         let dt = self.before_s.map_or(0.0, |before_s| time_s - before_s);
         self.before_s = Some(time_s);
         self.frame += 1;
+        self.is_whole = is_whole;
         self.tracks.retain(|track| !track.ended);
         for track in &mut self.tracks {
             track.filter.predict(dt, self.settings.acceleration_m_s2);
@@ -244,10 +252,11 @@ impl TouchTracker {
                 intensity_s_m2: track.seen.strength_s_m2,
                 intensity_std_s_m2: Some(track.seen.strength_std_s_m2),
                 peak_s: track.seen.peak_s,
-                confidence: 1.0,
+                confidence: track.seen.worth,
                 age_frames: track.frames - born,
                 age_s: time_s - begin_s,
                 valid: track.missed == 0 && spread.sqrt() <= self.settings.max_position_std_m,
+                whole: self.is_whole,
                 split_from: None,
                 merged_into: None,
             });

@@ -257,6 +257,7 @@ impl Tracker {
                 age_frames: track.frames - born,
                 age_s: time_s - begin_s,
                 valid: track.missed == 0 && spread.sqrt() <= settings.max_position_std_m,
+                whole: true,
                 split_from: track.split_from,
                 merged_into: track.merged_into,
             });

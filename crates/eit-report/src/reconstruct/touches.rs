@@ -10,7 +10,7 @@ use std::io::Write;
 
 /// Columns of `touches.csv`.
 pub const HEADER: &str = "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_std,confidence,\
-                      std_x,std_y,vx,vy,valid";
+                      std_x,std_y,vx,vy,valid,whole";
 
 /// One row for each touch of each frame.
 pub fn write_csv(rows: &[TouchRow], out: &mut dyn Write) -> Result<(), ReportError> {
@@ -35,12 +35,13 @@ pub fn write_row(
     writeln!(
         out,
         "{frame},{time_s:.6},{},{state},{x:.6},{y:.6},{z:.6},{:.6e},{},{:.4},{std_x:.3e},\
-         {std_y:.3e},{vx:.4},{vy:.4},{}",
+         {std_y:.3e},{vx:.4},{vy:.4},{},{}",
         touch.id,
         touch.intensity_s_m2,
         touch.intensity_std_s_m2.map_or_else(String::new, |std| format!("{std:.3e}")),
         touch.confidence,
-        touch.valid
+        touch.valid,
+        touch.whole
     )
     .map_err(io)
 }
@@ -48,13 +49,6 @@ pub fn write_row(
 /// Part of `report.json`; `null` where the noise is unknown.
 pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
     touches.map_or(Value::Null, |touches| {
-        let fault = |fault: &ElectrodeFault| {
-            json!({
-                "electrode": fault.electrode + 1,
-                "fault": fault.kind.words(),
-                "since_s": fault.since_s,
-            })
-        };
         json!({
             "frames": touches.frames,
             "frames_with_touch": touches.frames_with_touch(),
@@ -63,7 +57,7 @@ pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
             "rows": touches.rows.len(),
             "frame_rate_hz": touches.rate_hz,
             "noise": touches.noise_source,
-            "faulty_electrodes": touches.faults.iter().map(fault).collect::<Vec<_>>(),
+            "faulty_electrodes": touches.faults.iter().map(ElectrodeFault::json).collect::<Vec<_>>(),
         })
     })
 }
@@ -80,12 +74,8 @@ pub(super) fn line(touches: Option<&Touches>) -> String {
         touches.frames_with_touch(),
         touches.frames
     );
-    for ElectrodeFault { electrode, kind, since_s } in &touches.faults {
-        text += &format!(
-            "\nelectrode {} {}; left out from {since_s:.2} s on",
-            electrode + 1,
-            kind.words()
-        );
+    for fault in &touches.faults {
+        text += &format!("\n{}", fault.words());
     }
     text
 }

@@ -2,6 +2,7 @@
 
 use super::{LiveFrame, LiveModel, LiveStream, Pushed, REFERENCE_FRAMES};
 use crate::error::SkinError;
+use crate::faults::ElectrodeFault;
 use crate::progress::Progress;
 use crate::skin::Skin;
 use eit_hw::driver::{Event, FrameSource, Statistics};
@@ -24,6 +25,8 @@ pub struct TouchFrame<'a> {
     pub time_s: f64,
     /// Its touches; empty where nothing touches the skin.
     pub touches: &'a [Touch],
+    /// Electrodes that were left out of the frame: open, shorted, noisy, stuck or drifting.
+    pub faults: &'a [ElectrodeFault],
     /// From the last byte of the frame to its touches, for a live one, seconds.
     pub latency_s: Option<f64>,
 }
@@ -212,6 +215,7 @@ impl Sensor {
             sequence: shown.frame.sequence,
             time_s: shown.time_s,
             touches: shown.touches,
+            faults: shown.faults,
             latency_s: shown.latency_s,
         })
     }

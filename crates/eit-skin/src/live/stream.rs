@@ -3,6 +3,7 @@
 use super::clock::Clock;
 use super::{LiveImages, LiveModel};
 use crate::error::SkinError;
+use crate::faults::ElectrodeFault;
 use crate::progress::Progress;
 use crate::touches::TouchFinder;
 use eit_hw::driver::Setup;
@@ -59,6 +60,8 @@ pub struct LiveFrame<'a> {
     pub frame: &'a Frame,
     /// Its touches.
     pub touches: &'a [Touch],
+    /// Electrodes that were left out of it.
+    pub faults: &'a [ElectrodeFault],
     /// Its time for the tracker, seconds.
     pub time_s: f64,
     /// Finder of the epoch: raster and level of a touch.
@@ -158,6 +161,7 @@ impl LiveStream {
             number: self.frames.checked_sub(1)?,
             frame,
             touches: &self.touches,
+            faults: finder.faults(),
             time_s: self.time_s,
             finder,
             images,

@@ -1,6 +1,7 @@
 //! What happened while watching, in bounded memory.
 
 use super::ImageState;
+use crate::faults::ElectrodeFault;
 use eit_inverse::touch::{Touch, TouchState};
 use serde_json::{Value, json};
 
@@ -30,6 +31,8 @@ pub struct Summary {
     pub lost: u64,
     /// Largest proven gap of a window that was solved.
     pub worst_gap: Option<f64>,
+    /// Faults of electrodes, in the order in which they were found: the first ones.
+    pub faults: Vec<ElectrodeFault>,
     /// The last latencies, seconds, in no order.
     pub latencies_s: Vec<f64>,
     /// From the first image to the last, seconds of this computer's clock.
@@ -103,6 +106,20 @@ impl Summary {
         } else {
             self.latencies_s.push(latency_s);
         }
+    }
+
+    /// Remembers faults that are new.
+    pub(crate) fn take_faults(&mut self, faults: &[ElectrodeFault]) {
+        for fault in faults {
+            if self.faults.len() < NOTICES && !self.faults.contains(fault) {
+                self.faults.push(*fault);
+            }
+        }
+    }
+
+    /// The faults for programs.
+    pub fn faults_json(&self) -> Value {
+        self.faults.iter().map(ElectrodeFault::json).collect()
     }
 
     pub(crate) fn say(&mut self, words: String) {

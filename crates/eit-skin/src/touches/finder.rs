@@ -14,10 +14,11 @@ use eit_inverse::touch::{
     TrackerSettings,
 };
 use eit_inverse::{
-    HyperparameterChoice, NoiseTarget, OneStepGaussNewton, OneStepSettings, Reconstructor,
-    Workspace,
+    HyperparameterChoice, InverseError, NoiseTarget, OneStepGaussNewton, OneStepSettings,
+    Reconstructor, Workspace,
 };
 use eit_mesh::Raster;
+use ndarray::Array2;
 
 /// Least strength of a touch as an area of doubled conductivity, square metres: a finger of 0.2 N on
 /// the paper's fabric has 2.5e-6, ghosts of its hysteresis less than 1e-6.
@@ -71,8 +72,12 @@ impl TouchFinder {
         let keys = &skin.skin.settings.touch;
         let protocol = &skin.skin.protocol;
         let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v);
-        let unknowns = unknowns(skin, progress)?;
+        let unknowns = unknowns(skin, &mut Progress::silent())?;
         let std_v: Vec<f64> = noise.std_v.iter().map(|e| e * noise.with_reference).collect();
+        let quiet = match &frames.quiet {
+            Some(quiet) => quiet.values.clone(),
+            None => Array2::zeros((0, frames.used.len())),
+        };
         let model = DetectorModel {
             surface: skin.skin.mesh.surface(),
             jacobian: &skin.jacobian,
@@ -80,6 +85,7 @@ impl TouchFinder {
             unknowns: &unknowns,
             reference_v: &frames.reference,
             noise_std_v: &std_v,
+            quiet_v: quiet.view(),
             used: &frames.used,
             reciprocal: monitor.reciprocal(),
             of_electrode: monitor.of_electrode(),
@@ -141,7 +147,9 @@ impl TouchFinder {
                 .reconstruct_masked_into(values, reference, bad, memory, pixels)
             {
                 // too little is left for an image; touches go on
-                Err(eit_inverse::InverseError::MaskedDominates { .. }) => pixels.fill(0.0),
+                Err(InverseError::MaskedDominates { .. } | InverseError::NothingUsed { .. }) => {
+                    pixels.fill(0.0)
+                }
                 made => {
                     made?;
                 }
@@ -168,7 +176,7 @@ impl TouchFinder {
         self.before_s = Some(time_s);
         self.monitor.blame(step.blamed, time_s);
         self.step = Some(step);
-        Ok(self.tracker.push(self.detector.touches(), time_s)?)
+        Ok(self.tracker.push(self.detector.touches(), time_s, self.bad.is_empty())?)
     }
 
     /// Electrodes that are left out of the frame at hand.

@@ -1,7 +1,7 @@
 //! Touches of a recording, without images: what a robot would act on, and what a frame costs.
 //!
 //! ```text
-//! cargo run --release -p eit-skin --example touches -- SCENE OUT.csv [FRAMES]
+//! cargo run --release -p eit-skin --example find_touches -- SCENE OUT.csv [FRAMES]
 //! ```
 
 #![allow(clippy::print_stdout, reason = "the table is this program's output")]
@@ -18,7 +18,7 @@ use std::time::Instant;
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let [scene, out, frames @ ..] = args.as_slice() else {
-        return Err("usage: touches SCENE OUT.csv [FRAMES]".into());
+        return Err("usage: find_touches SCENE OUT.csv [FRAMES]".into());
     };
     let mut progress = Progress::silent();
     let begin = Instant::now();
@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut finder = finder.ok_or("the noise is unknown")?;
     let made_s = begin.elapsed().as_secs_f64() - linearised_s;
     let mut csv = std::io::BufWriter::new(std::fs::File::create(out)?);
-    writeln!(csv, "frame,id,state,x_m,y_m,z_m,intensity,valid")?;
+    writeln!(csv, "frame,id,state,x_m,y_m,z_m,intensity,confidence,age,valid")?;
     let mut times = Vec::new();
     let mut faults = Vec::new();
     for (frame, row) in fitted.frames.values.axis_iter(Axis(0)).enumerate() {
@@ -43,10 +43,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let touches = finder.find(time_s)?.to_vec();
         times.push(begin.elapsed().as_secs_f64());
         for touch in &touches {
-            let ([x, y, z], Touch { id, state, valid, .. }) = (touch.position_m, touch);
+            let ([x, y, z], Touch { id, state, valid, confidence, age_frames, .. }) =
+                (touch.position_m, touch);
             let state = format!("{state:?}").to_lowercase();
             let intensity = touch.intensity_s_m2;
-            writeln!(csv, "{frame},{id},{state},{x:.6},{y:.6},{z:.6},{intensity:.4e},{valid}")?;
+            writeln!(
+                csv,
+                "{frame},{id},{state},{x:.6},{y:.6},{z:.6},{intensity:.4e},{confidence:.4},{age_frames},{valid}"
+            )?;
         }
         for fault in finder.faults() {
             if !faults.contains(fault) {
