@@ -37,7 +37,9 @@ pub struct Touch {
     pub intensity_std_s_m2: Option<f64>,
     /// Peak of the conductivity change, siemens (per square); with its sign.
     pub peak_s: f64,
-    /// How sure it is that there is a touch now, 0 to 1: `(1 - p) h`, where `p` is the probability
+    /// How sure it is that there is a touch now, 0 to 1. Of a [`TouchDetector`](super::TouchDetector)'s:
+    /// the part of touches that explain as much and are as old which were true on simulated fabrics. Of
+    /// images: `(1 - p) h`, where `p` is the probability
     /// that noise alone makes a peak as high anywhere in one image and `h` the share of the last
     /// images (as many as a birth may take, fewer for young touches) that showed the touch. It
     /// knows of noise alone, not of artefacts.
