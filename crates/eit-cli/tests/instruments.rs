@@ -58,17 +58,26 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
 }
 
-/// Two hundred frames of 40 values: quiet first, then a change that stays.
+/// Two hundred frames of 40 values: quiet first, then a finger that stays.
 fn touched_frames(folder: &Path, scene: &Path) -> (PathBuf, Array2<f64>) {
-    let voltages = folder.join("v.npy");
-    succeed(&["forward", text(scene), "--out", text(&voltages)]);
-    let still: ndarray::Array1<f64> = ndarray_npy::read_npy(&voltages).unwrap();
+    let [voltages, mesh, sigma] = ["v.npy", "m.msh", "s.npy"].map(|name| folder.join(name));
+    succeed(&["mesh", text(scene), "--out", text(&mesh)]);
+    let read = eit_mesh::read_gmsh(&mesh).unwrap();
+    let finger = |c: [f64; 3]| (-((c[0] - 0.03).powi(2) + c[1] * c[1]) / 0.01_f64.powi(2)).exp();
+    let values = read.surface().centroids().into_iter().map(|c| 1e-5 * (1.0 + 0.5 * finger(c)));
+    let values: Vec<f64> = values.collect();
+    let values = Array2::from_shape_vec((1, values.len()), values).unwrap();
+    ndarray_npy::write_npy(&sigma, &values).unwrap();
+    let solve = |more: &[&str]| -> ndarray::Array1<f64> {
+        let fixed = ["forward", text(scene), "--mesh", text(&mesh), "--out", text(&voltages)];
+        succeed(&[&fixed[..], more].concat());
+        ndarray_npy::read_npy(&voltages).unwrap()
+    };
+    let (still, touched) = (solve(&[]), solve(&["--conductivity", text(&sigma)]));
     let size = still.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     let frames = Array2::from_shape_fn((200, still.len()), |(frame, i)| {
         let noise = 1e-5 * size * ((frame * 7919 + i * 104_729) as f64).sin();
-        // the drives of one side change: no touch of a finger, but a place that changes
-        let touch = if frame > 100 && i < 10 { 0.9 } else { 1.0 };
-        touch * still[i] + noise
+        noise + if frame > 100 { touched[i] } else { still[i] }
     });
     let path = folder.join("touched.npy");
     ndarray_npy::write_npy(&path, &frames).unwrap();

@@ -61,7 +61,7 @@ fn run_denoised(name: &str) -> Option<(Run, Run)> {
     let shared = folder.parent().unwrap().display().to_string();
     let text_of = std::fs::read_to_string(scene(&format!("{name}.toml"))).unwrap();
     let text_of = text_of.replace("../../../shared/data", &shared);
-    let keys = "[touch]\nsign = \"decrease\"\n[denoise]\nweights = \"default\"\nany_skin = true\n";
+    let keys = "[denoise]\nweights = \"default\"\nany_skin = true\n";
     let folder = tempfile::tempdir().unwrap();
     let (file, out) = (folder.path().join("scene.toml"), folder.path().join("out"));
     std::fs::write(&file, format!("{text_of}\n{keys}")).unwrap();

@@ -57,7 +57,6 @@ fn total_variation_does_not_explain_moving_electrodes() {
     let (scene, images) = (out.join("scene.toml"), folder.path().join("images"));
     let run = ["reconstruct", text(&scene), "--method", "st-tv", "--out", text(&images), "--json"];
     let json: Value = serde_json::from_str(&succeed(&run)).unwrap();
-    assert!(json["weights"]["rule"].as_str().unwrap().starts_with("corner"), "{}", json["weights"]);
     let images: Array3<f64> = ndarray_npy::read_npy(images.join("images.npy")).unwrap();
     // frame 50: three fingers, none near the rim. Pixels are 3 mm; fingers of 5 mm come out 10 mm
     // wide, a pixel or two from their place
@@ -75,7 +74,8 @@ fn total_variation_does_not_explain_moving_electrodes() {
         inside += if near(row, column) { square } else { 0.0 };
     }
     // found: 0.81; the weights of the discrepancy principle alone leave 0.2
-    assert!(inside > 0.7 * all, "only {:.2} of the image is at the fingers", inside / all);
+    let part = inside / all;
+    assert!(part > 0.7, "only {part:.2} of the image is at the fingers: {}", json["weights"]);
 }
 
 /// The script that was run, run again from its file, gives the same frames.
