@@ -325,6 +325,10 @@ fn bad_contacts_are_marked() {
     for (k, quadruple) in quadruples.iter().enumerate() {
         let lost = made.truth.quality.column(k).iter().all(|q| *q == TrueQuality::Lost);
         assert_eq!(lost, quadruple.contains(&8), "{quadruple:?}");
+        // a lost one floats: a tenth of the largest voltage; `exact_v` knows the contact only
+        let off = (&made.frames_v.column(k) - &made.exact_v.column(k)).mapv(f64::abs);
+        let large = 1e-3 * made.reference_v.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        assert_eq!(off.iter().all(|v| *v < large), !lost, "{quadruple:?}");
         let loose =
             made.truth.quality.column(k).iter().filter(|q| **q == TrueQuality::Loose).count();
         let may = quadruple.contains(&2) && !quadruple.contains(&8);

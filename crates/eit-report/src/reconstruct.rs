@@ -84,14 +84,18 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     let settings = &linearised.skin.settings;
     let choice = method::choose(settings, args.method.as_deref(), count)?;
     let net = skin.net()?;
-    let fitted = Arc::new(linearised).fit(frames)?;
+    let mut fitted = Arc::new(linearised).fit(frames)?;
+    let found = eit_skin::touches::touches(&fitted, progress)?;
+    if let Some(found) = &found {
+        // images go on without faulty electrodes
+        found.leave_out(&mut fitted.frames);
+    }
     let task = Task { fitted: &fitted, method: choice.method, before: None };
     let mut made = make(&task, progress)?;
     if let Some(net) = &net {
         out.write("raw.npy", |w| write_npy(&made.images, w))?;
         denoise(net, &fitted, &mut made, progress)?;
     }
-    let found = eit_skin::touches::touches(&fitted, progress)?;
     let FittedFrames { skin: linearised, frames, .. } = &fitted;
     let mut notes = frames.notes.clone();
     notes.extend(linearised.skin.notes.iter().map(|note| format!("mesh: {note}")));

@@ -31,6 +31,11 @@ const WRONG_DRIFT: f64 = 1e-3;
 const DEAD: f64 = 0.02;
 /// Frames in a row that must blame an electrode's gain.
 const BLAMED_FRAMES: usize = 3;
+/// An electrode is faulty from the start where its measurements' noise is this many times the median
+/// noise and ...
+const NOISY_TIMES: f64 = 30.0;
+/// ... this part of the median voltage.
+const NOISY_PART: f64 = 0.01;
 /// Time for which a faulty electrode must behave to be used again, seconds.
 const HEALED_S: f64 = 1.0;
 /// Relative change over that time below which a gain has stopped drifting.
@@ -93,6 +98,8 @@ impl ElectrodeFault {
 #[derive(Debug, Clone, Copy, Default)]
 struct Suspect {
     fault: Option<ElectrodeFault>,
+    /// Whether it lasts as long as the reference.
+    is_lasting: bool,
     /// Frames in a row that blame its gain.
     votes: usize,
     /// Since when it behaves, seconds.
@@ -146,6 +153,31 @@ impl FaultMonitor {
             faults: Vec::new(),
             gains: Vec::new(),
         }
+    }
+
+    /// Looks at the reference frame and its noise: electrodes that float from the start are left out
+    /// until a new reference is taken.
+    pub fn take_reference(&mut self, reference: &[f64]) {
+        let median = |values: &mut Vec<f64>| {
+            values.sort_unstable_by(f64::total_cmp);
+            values.get(values.len() / 2).copied().unwrap_or(0.0)
+        };
+        let of_used = |values: &[f64]| -> Vec<f64> {
+            let pairs = values.iter().zip(&self.used).filter(|(_, used)| **used);
+            pairs.map(|(value, _)| value.abs()).filter(|value| value.is_finite()).collect()
+        };
+        let noise = median(&mut of_used(&self.std_v));
+        let voltage = median(&mut of_used(reference));
+        let limit = (NOISY_TIMES * noise).max(NOISY_PART * voltage);
+        for (i, wrong) in self.is_wrong.iter_mut().enumerate() {
+            *wrong = self.used[i] && self.std_v[i] > limit;
+        }
+        self.look_for_contradictions(0.0);
+        for suspect in &mut self.suspects {
+            suspect.is_lasting = suspect.fault.is_some();
+        }
+        self.is_wrong.fill(false);
+        self.leave_out();
     }
 
     /// Measurements that involve each electrode and count.
@@ -325,6 +357,9 @@ impl FaultMonitor {
         self.healed.clear();
         for e in 0..self.suspects.len() {
             let Some(fault) = self.suspects[e].fault else { continue };
+            if self.suspects[e].is_lasting {
+                continue;
+            }
             let gain = self.gain_of(e, values, reference);
             let before = self.suspects[e].gain;
             let behaves = match fault.kind {

@@ -9,6 +9,7 @@ pub use finder::TouchFinder;
 use crate::error::SkinError;
 use crate::faults::ElectrodeFault;
 use crate::fitted::FittedFrames;
+use crate::frames::Frames;
 use crate::progress::Progress;
 use eit_inverse::touch::{Touch, TouchState};
 use ndarray::Array2;
@@ -64,6 +65,17 @@ impl Touches {
         let frames = self.rows.chunk_by(|a, b| a.frame == b.frame);
         let acted_on = |row: &TouchRow| row.touch.valid && row.touch.state != TouchState::End;
         frames.filter(|rows| rows.iter().any(acted_on)).count()
+    }
+
+    /// Marks what was left out as not good, so that images do without it, too. Frames of which nothing
+    /// would be left stay as they are.
+    pub fn leave_out(&self, frames: &mut Frames) {
+        for (mut good, missing) in frames.good.rows_mut().into_iter().zip(self.is_missing.rows()) {
+            let left = good.iter().zip(missing).zip(&frames.used);
+            if left.into_iter().any(|((good, missing), used)| *good && !missing && *used) {
+                good.zip_mut_with(&missing, |good, missing| *good &= !missing);
+            }
+        }
     }
 
     /// Places seen from +z of each frame's valid touches, metres.

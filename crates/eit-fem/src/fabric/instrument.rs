@@ -9,11 +9,16 @@ use super::stream::Purpose;
 use super::truth::TrueQuality;
 use crate::protocol::Protocol;
 
+/// Voltages of inputs that float, root mean square, as a part of the largest voltage.
+const FLOATING: f64 = 0.1;
+
 /// The channels of one instrument.
 #[derive(Debug)]
 pub(super) struct Channels {
     settings: Instrument,
     seed: u64,
+    /// Largest voltage of the untouched skin, volt.
+    largest_v: f64,
     /// Per measurement.
     gains: Option<Vec<f64>>,
     noise_v: Option<Vec<f64>>,
@@ -42,6 +47,7 @@ impl Channels {
                 .then(|| [range_v / 2_f64.powi(settings.bits as i32 - 1), range_v]),
             settings: settings.clone(),
             seed,
+            largest_v: largest,
         }
     }
 
@@ -66,6 +72,14 @@ impl Channels {
         if let Some(noise_v) = &self.noise_v {
             let mut random = Purpose::Noise.stream(self.seed, frame);
             values_v.iter_mut().zip(noise_v).for_each(|(v, std)| *v += std * random.normal());
+        }
+        if quality.contains(&TrueQuality::Lost) {
+            // no current through the electrode, and inputs that float
+            let mut random = Purpose::Floating.stream(self.seed, frame);
+            for (v, quality) in values_v.iter_mut().zip(&*quality) {
+                let floating = FLOATING * self.largest_v * random.normal();
+                *v = if *quality == TrueQuality::Lost { floating } else { *v };
+            }
         }
         let Some([step, _]) = self.converter else { return };
         let most = 2_f64.powi(self.settings.bits as i32 - 1);

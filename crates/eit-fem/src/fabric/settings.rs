@@ -177,7 +177,8 @@ pub struct Instrument {
     /// Voltage at which the current source gives up, between its two electrodes, above zero: its
     /// current then falls to what that voltage drives. Left out: none.
     pub compliance_v: Option<f64>,
-    /// Electrodes without contact, by number from 1.
+    /// Electrodes without contact, by number from 1: what they drive or measure floats, noise of a tenth
+    /// of the largest voltage.
     pub lost: Vec<usize>,
     /// Electrodes with a loose contact, by number from 1.
     pub loose: Vec<usize>,

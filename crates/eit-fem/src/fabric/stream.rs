@@ -13,6 +13,7 @@ pub(super) enum Purpose {
     NoiseLevel,
     Gain,
     Noise,
+    Floating,
 }
 
 impl Purpose {

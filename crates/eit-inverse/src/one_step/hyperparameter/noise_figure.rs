@@ -78,9 +78,9 @@ pub(super) fn choose(
         miss(a).total_cmp(&miss(b))
     };
     // the falling branch only: beyond its least value the figure rises again, toward that of the
-    // matched filter; of several crossings the last, where the image is the most stable
-    let crossing =
-        curve.windows(2).rev().find(|w| w[0].criterion > figure && w[1].criterion <= figure);
+    // matched filter, and may fall once more where hardly a degree of freedom is left: of several
+    // crossings the first
+    let crossing = curve.windows(2).find(|w| w[0].criterion > figure && w[1].criterion <= figure);
     let (hyperparameter, status) = match crossing {
         Some(pair) => {
             let bracket = [pair[0].hyperparameter, pair[1].hyperparameter];
