@@ -153,8 +153,9 @@ pub(crate) enum Command {
     /// The first frames are the reference: touch nothing until it says so. After the instrument
     /// was lost and found again, a new reference is taken. --picture draws the latest image again and
     /// again. Where the scene's method is st-tv or tv, images are total variation over the last frames;
-    /// with denoise.weights the U-net follows, and touches are found in its images. Otherwise: one
-    /// step at noise figure 1.
+    /// otherwise one step at noise figure 1; with denoise.weights the U-net follows. Touches are found
+    /// in the frames, whatever image is shown. An electrode that fails is named and left out until it
+    /// recovers; --json lists such electrodes as faulty_electrodes.
     ///
     /// Example: eit live my.toml --picture now.png
     Live(LiveArgs),

@@ -1,12 +1,15 @@
 //! Touches instead of pictures: contacts with a place, a strength and a name that stays.
 //!
 //! ```text
-//! image -> segment (above the noise floor, parted where two hills meet) -> track (who is who)
+//! frame -> detect (bells on the linearised model, beside all that is no touch) -> track (who is who)
+//! image -> segment (above the noise floor, parted where two hills meet) -> track
 //! frame -> fit (a few bells on the non-linear model): position to the statistical limit
 //! ```
 //!
 //! | file | holds |
 //! |---|---|
+//! | `detector/` | [`TouchDetector`]: the touches of a frame, and a reference that follows the rest |
+//! | `points.rs` | [`TouchTracker`]: names and velocities of detected touches |
 //! | `reference.rs` | [`AdaptiveReference`]: a reference frame that follows drift, not contact |
 //! | `contact.rs` | [`Touch`]: what is reported |
 //! | `noise.rs`, `normal.rs` | [`NoiseFloor`]: threshold at a stated rate of false touches |
@@ -16,8 +19,9 @@
 //! | `skin.rs`, `bell.rs`, `fit.rs` | [`TouchFit`]: bells fitted to a frame, their number chosen |
 //! | `bound.rs` | [`cramer_rao`]: what no unbiased method can beat |
 //!
-//! [`TouchStream`] needs a linear image or quiet images and microseconds; [`TouchFit`] needs the
-//! forward model and some ten forward solves, and has no bias toward the rim.
+//! [`TouchDetector`] is what `eit-skin` takes. [`TouchStream`] needs a linear image or quiet images and
+//! microseconds; [`TouchFit`] needs the forward model and some ten forward solves, and has no bias toward
+//! the rim.
 
 mod assign;
 mod bell;

@@ -120,7 +120,8 @@ const BLAME_FROM: f64 = 10.0;
 /// Hysteresis that a touch has left is seen this far from it, metres.
 const LATE_M: f64 = 20e-3;
 
-/// Finds touches in frames; see the [module](self) text.
+/// Finds touches in frames: bells on the linearised model, fitted together and held against all that is no
+/// touch.
 #[derive(Debug, Clone)]
 pub struct TouchDetector {
     settings: DetectorSettings,

@@ -97,7 +97,7 @@ pub(super) fn table(
              value) or touch, within {4:.0} mm; found: fingers of at least {FULL_N} N that have one; \
              invented: blobs or touches a frame that are no finger's. Contrast: integral of the image \
              within {4:.0} mm of the fingers over that of the truth, median. Touches: those of `eit \
-             reconstruct`, found in one-step images of their own. Images are judged in frames in which \
+             reconstruct`, found in the frames. Images are judged in frames in which \
              every finger presses in full, touches in all after the quiet ones.",
             disc.simulation.mesh.surface().nodes().len(),
             grid.script_frames,
