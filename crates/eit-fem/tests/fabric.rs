@@ -78,8 +78,9 @@ fn a_seed_gives_the_frames_it_has_always_given() {
     let made = simulate(&everything(), &random_script(), 5, 2);
     for (at, wanted_v) in [
         ([0, 0], -0.890_798_591_693_774_5),
-        ([30, 17], -0.000_638_022_179_466_407_3),
-        ([60, 100], -0.000_797_527_724_333_009_1),
+        // of the lost electrode: it floats
+        ([30, 17], 0.069_943_181_424_004_9),
+        ([60, 100], 0.088_405_948_242_314_06),
         ([89, 207], -0.760_721_819_855_040_7),
     ] {
         let found_v = made.frames_v[at];

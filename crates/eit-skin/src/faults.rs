@@ -98,8 +98,6 @@ impl ElectrodeFault {
 #[derive(Debug, Clone, Copy, Default)]
 struct Suspect {
     fault: Option<ElectrodeFault>,
-    /// Whether it lasts as long as the reference.
-    is_lasting: bool,
     /// Frames in a row that blame its gain.
     votes: usize,
     /// Since when it behaves, seconds.
@@ -126,6 +124,7 @@ pub struct FaultMonitor {
     is_missing: Vec<bool>,
     healed: Vec<usize>,
     faults: Vec<ElectrodeFault>,
+    lasting: Vec<ElectrodeFault>,
     gains: Vec<f64>,
 }
 
@@ -151,33 +150,16 @@ impl FaultMonitor {
             is_missing: vec![false; used.len()],
             healed: Vec::new(),
             faults: Vec::new(),
+            lasting: Vec::new(),
             gains: Vec::new(),
         }
     }
 
-    /// Looks at the reference frame and its noise: electrodes that float from the start are left out
-    /// until a new reference is taken.
-    pub fn take_reference(&mut self, reference: &[f64]) {
-        let median = |values: &mut Vec<f64>| {
-            values.sort_unstable_by(f64::total_cmp);
-            values.get(values.len() / 2).copied().unwrap_or(0.0)
-        };
-        let of_used = |values: &[f64]| -> Vec<f64> {
-            let pairs = values.iter().zip(&self.used).filter(|(_, used)| **used);
-            pairs.map(|(value, _)| value.abs()).filter(|value| value.is_finite()).collect()
-        };
-        let noise = median(&mut of_used(&self.std_v));
-        let voltage = median(&mut of_used(reference));
-        let limit = (NOISY_TIMES * noise).max(NOISY_PART * voltage);
-        for (i, wrong) in self.is_wrong.iter_mut().enumerate() {
-            *wrong = self.used[i] && self.std_v[i] > limit;
-        }
-        self.look_for_contradictions(0.0);
-        for suspect in &mut self.suspects {
-            suspect.is_lasting = suspect.fault.is_some();
-        }
-        self.is_wrong.fill(false);
+    /// Faults that last as long as the reference, whose measurements do not count: listed with the others.
+    pub fn with_lasting(mut self, faults: &[ElectrodeFault]) -> Self {
+        self.lasting = faults.to_vec();
         self.leave_out();
+        self
     }
 
     /// Measurements that involve each electrode and count.
@@ -357,9 +339,6 @@ impl FaultMonitor {
         self.healed.clear();
         for e in 0..self.suspects.len() {
             let Some(fault) = self.suspects[e].fault else { continue };
-            if self.suspects[e].is_lasting {
-                continue;
-            }
             let gain = self.gain_of(e, values, reference);
             let before = self.suspects[e].gain;
             let behaves = match fault.kind {
@@ -398,6 +377,7 @@ impl FaultMonitor {
     /// Measurements of faulty electrodes, and pairs that contradict themselves alone.
     fn leave_out(&mut self) {
         self.faults.clear();
+        self.faults.extend_from_slice(&self.lasting);
         self.faults.extend(self.suspects.iter().filter_map(|suspect| suspect.fault));
         for i in 0..self.used.len() {
             let faulty = |e: &usize| self.suspects[*e].fault.is_some();
@@ -408,6 +388,33 @@ impl FaultMonitor {
         let Self { healed, is_missing, .. } = self;
         healed.retain(|&i| !is_missing[i]);
     }
+}
+
+/// Electrodes that float while the reference is taken, from the noise of its frames: they are left out
+/// until a new reference is taken. And their measurements.
+pub(crate) fn of_reference(
+    protocol: &Protocol,
+    used: &[bool],
+    std_v: &[f64],
+    reference_v: &[f64],
+) -> (Vec<ElectrodeFault>, Vec<usize>) {
+    let median = |values: &[f64]| {
+        let of_used = values.iter().zip(used).filter(|(_, used)| **used);
+        let mut sorted: Vec<f64> =
+            of_used.map(|(value, _)| value.abs()).filter(|value| value.is_finite()).collect();
+        sorted.sort_unstable_by(f64::total_cmp);
+        sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+    };
+    let limit = (NOISY_TIMES * median(std_v)).max(NOISY_PART * median(reference_v));
+    let mut monitor = FaultMonitor::new(protocol, used, std_v, 0.0);
+    for (i, wrong) in monitor.is_wrong.iter_mut().enumerate() {
+        *wrong = used[i] && std_v[i] > limit;
+    }
+    monitor.look_for_contradictions(0.0);
+    monitor.is_wrong.fill(false);
+    monitor.leave_out();
+    let left_out = (0..used.len()).filter(|&i| monitor.is_missing[i]).collect();
+    (monitor.faults, left_out)
 }
 
 /// Electrodes of each measurement that carry current or are measured; all-electrode patterns blame

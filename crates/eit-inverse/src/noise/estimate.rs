@@ -25,12 +25,16 @@ pub fn noise_std_of_quiet_frames(frames: ArrayView2<'_, f64>) -> Result<Vec<f64>
         }
     }
     let noise = deviations(frames);
-    let mut sorted: Vec<f64> = noise.iter().copied().filter(|e| *e > 0.0).collect();
-    sorted.sort_by(f64::total_cmp);
-    let Some(&median) = sorted.get(sorted.len() / 2) else {
+    if noise.iter().all(|e| *e == 0.0) {
         return rounding_of_equal_frames(frames);
-    };
+    }
     let rounding = smallest_step(frames) / 12.0_f64.sqrt();
+    // channels that are zero throughout are not measured
+    let is_measured = |i: &usize| frames.column(*i).iter().any(|v| *v != 0.0);
+    let measured = (0..noise.len()).filter(is_measured);
+    let mut sorted: Vec<f64> = measured.map(|i| noise[i].max(rounding)).collect();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(rounding);
     Ok(noise.iter().map(|e| e.max(rounding).max(0.1 * median)).collect())
 }
 

@@ -45,6 +45,7 @@ impl SequenceVoltages {
             reference_source: "the untouched skin".to_owned(),
             reference_frames: 1,
             quiet: None,
+            faults: Vec::new(),
             rate_hz: Some(self.rate_hz),
             reciprocity_error: None,
             notes: self.notes.clone(),

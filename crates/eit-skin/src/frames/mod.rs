@@ -9,10 +9,12 @@ pub use fit::ModelFit;
 pub use quiet::QuietFrames;
 
 use crate::error::SkinError;
+use crate::faults::{self, ElectrodeFault};
 use crate::scene::{Component, DifferenceKind, FrameSettings, FramesAre, Reference};
 use crate::skin::Skin;
 use eit_fem::Protocol;
 use eit_hw::{FrameOrientation, Layout, MeasuredFrames, Quality, ReadOptions, Recording};
+use eit_inverse::noise_std_of_quiet_frames;
 use ndarray::{Array2, Axis, concatenate};
 use std::path::{Path, PathBuf};
 
@@ -31,6 +33,8 @@ pub struct Frames {
     pub quiet: Option<QuietFrames>,
     /// Whether a value is good, [frame, measurement].
     pub good: Array2<bool>,
+    /// Electrodes that float while the reference is taken: their measurements are not used.
+    pub faults: Vec<ElectrodeFault>,
     /// Measurements of the reconstruction; a frame's bad ones among them are left out of it.
     pub used: Vec<bool>,
     /// Frames a second, where known.
@@ -159,7 +163,7 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
     let mean = loaded.frames.mean_frame();
     let reciprocity_error = order::check(skin, &loaded, &mean, &mut notes)?;
     let reasons = reasons_to_leave_out(skin, &loaded, &taken);
-    let used: Vec<bool> = reasons.iter().map(Option::is_none).collect();
+    let mut used: Vec<bool> = reasons.iter().map(Option::is_none).collect();
     for why in [DRIVEN, ZERO, BAD_REFERENCE, MOSTLY_BAD] {
         let count = reasons.iter().flatten().filter(|reason| **reason == why).count();
         if count > 0 {
@@ -167,6 +171,7 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
         }
     }
     let quiet = quiet::find(skin, &loaded.frames, &taken, &used, &mut notes)?;
+    let faults = leave_out_floating(skin, &taken, quiet.as_ref(), &mut used, &mut notes);
     if !used.contains(&true) {
         return Err(SkinError::input(format!("no measurement is usable: {}", notes.join("; "))));
     }
@@ -189,11 +194,30 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
         reference: taken.values,
         reference_source: taken.source,
         quiet,
+        faults,
         used,
         rate_hz,
         reciprocity_error,
         notes,
     })
+}
+
+/// Leaves out the measurements of electrodes that float in the quiet frames.
+fn leave_out_floating(
+    skin: &Skin,
+    taken: &reference::Taken,
+    quiet: Option<&QuietFrames>,
+    used: &mut [bool],
+    notes: &mut Vec<String>,
+) -> Vec<ElectrodeFault> {
+    let noise = quiet.map(|quiet| noise_std_of_quiet_frames(quiet.values.view()));
+    let Some(Ok(std_v)) = noise else { return Vec::new() };
+    let (found, left_out) = faults::of_reference(&skin.protocol, used, &std_v, &taken.values);
+    for fault in &found {
+        notes.push(format!("electrode {} {}", fault.electrode + 1, fault.kind.words()));
+    }
+    left_out.into_iter().for_each(|i| used[i] = false);
+    found
 }
 
 const DRIVEN: &str = "on current-carrying electrodes";

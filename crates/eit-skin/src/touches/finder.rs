@@ -71,8 +71,8 @@ impl TouchFinder {
         let Imaging { difference, whitening } = Imaging::new(fitted, progress)?;
         let keys = &skin.skin.settings.touch;
         let protocol = &skin.skin.protocol;
-        let mut monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v);
-        monitor.take_reference(&frames.reference);
+        let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v)
+            .with_lasting(&frames.faults);
         let unknowns = unknowns(skin, &mut Progress::silent())?;
         let std_v: Vec<f64> = noise.std_v.iter().map(|e| e * noise.with_reference).collect();
         let quiet = match &frames.quiet {

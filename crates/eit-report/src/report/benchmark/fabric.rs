@@ -71,6 +71,7 @@ pub(super) fn recording(
         reference_source: "the quiet frames".to_owned(),
         reference_frames: quiet,
         quiet: None,
+        faults: Vec::new(),
         rate_hz: Some(script.frame_rate_hz),
         reciprocity_error: None,
         notes: Vec::new(),

@@ -106,6 +106,7 @@ impl SimulatedDisc {
             // without noise of its own
             reference_frames: usize::MAX,
             quiet: None,
+            faults: Vec::new(),
             rate_hz: None,
             reciprocity_error: None,
             notes: Vec::new(),
