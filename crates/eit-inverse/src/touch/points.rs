@@ -265,10 +265,10 @@ impl TouchTracker {
     }
 }
 
-/// How many in a hundred touches of this worth and age are true: a logistic curve fitted to 39 489
-/// touches that were reported on simulated fabrics (nine skins, faults of electrodes, one seed to three
-/// a script), of which 99.4 % stood within 25 mm of a finger. Where it says 0.80 to 0.90, 0.95 to 0.98 and
-/// above 0.99, 89 %, 97 % and 99.9 % were.
+/// The part of touches of this worth and age that are true: a logistic curve fitted to 39 489 touches
+/// that were reported on simulated fabrics (the paper's skin and twelve other scenes, faults of
+/// electrodes), of which 99.4 % stood within 25 mm of a finger. Where it says 0.80 to 0.90, 0.90 to 0.95 and
+/// 0.95 to 0.98, 87 %, 93 % and 97 % did.
 fn confidence(worth: f64, age_frames: u64) -> f64 {
     let logit = 0.5 + 1.13 * worth.max(1.0).ln() + 0.38 * age_frames.min(3) as f64;
     1.0 / (1.0 + (-logit).exp())

@@ -6,8 +6,8 @@ use crate::metrics::ChangeSign;
 
 /// Settings of [`TouchDetector`](super::TouchDetector).
 ///
-/// The numbers were found on simulated presses of the paper's skin with one seed and hold on others
-/// (`docs/VALIDATION.md`). Strengths are `integral of the conductivity change over the touch`, S m^2.
+/// The numbers were found on simulated presses of the paper's skin and tried on other seeds, skins and
+/// faults (`docs/VALIDATION.md`). Strengths are `integral of the conductivity change over the touch`, S m^2.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectorSettings {
     /// Which changes are touches. Default: increase.
