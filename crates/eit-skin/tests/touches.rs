@@ -1,0 +1,179 @@
+//! Touches of the simulated fabric through the library, with nothing set: few enough frames for every
+//! check. Full figures: `docs/VALIDATION.md`.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a test file: a panic is a failed test"
+)]
+
+mod common;
+
+use common::score::{Counts, Score, acted_on};
+use common::script::{Drawn, FIRST_S, QUIET_FRAMES, RATE_HZ};
+use common::{Recording, measurements_of};
+use eit_skin::TouchState;
+use eit_skin::eit_fem::fabric::Random;
+use eit_skin::faults::FaultKind;
+use eit_skin::touches::Touches;
+
+/// Seeds of scripts and fabrics: every script is drawn three times.
+const SEEDS: [u64; 3] = [71, 81, 91];
+
+/// Forces of presses, newton.
+const PRESS_N: std::ops::Range<f64> = 0.7..2.0;
+
+/// The electrode that breaks, from 0, ...
+const BROKEN: usize = 5;
+/// ... and the frame from which on: 3 s after the quiet ones.
+const BROKEN_FROM: usize = 100;
+
+/// What a script must reach.
+struct Bars {
+    found: f64,
+    error_m: f64,
+    extra: f64,
+    id_changes: usize,
+}
+
+/// The bars of the full scripts are tighter (found 0.99, 3 mm, 0.01 extra): here one press at the rim is
+/// 5 % of all frames, and one that is found a frame late costs 0.003.
+const ONE: Bars = Bars { found: 0.97, error_m: 6e-3, extra: 0.05, id_changes: 0 };
+
+fn check(name: &str, score: &Score, bars: &Bars) {
+    println!("{name}: {score:?}");
+    assert_eq!(score.ghosts, 0, "{name}: {score:?}");
+    assert!(score.found >= bars.found, "{name}: {score:?}");
+    assert!(score.error_m < bars.error_m, "{name}: {score:?}");
+    assert!(score.extra <= bars.extra, "{name}: {score:?}");
+    assert!(score.id_changes <= bars.id_changes, "{name}: {score:?}");
+}
+
+/// Draws and simulates a script with each seed, and scores all of them together.
+fn check_drawn(name: &str, fingers: u32, bars: &Bars, draw: impl Fn(&mut Drawn)) {
+    let mut counts = Counts::default();
+    for seed in SEEDS {
+        let mut drawn = Drawn::new(seed, fingers);
+        draw(&mut drawn);
+        let recording = Recording::simulate(&drawn.script(), seed);
+        counts.add(&recording, &recording.touches(), QUIET_FRAMES);
+    }
+    check(name, &counts.score(), bars);
+}
+
+/// 15 s without a finger show nothing, the press behind them is found.
+#[test]
+fn quiet() {
+    check_drawn("quiet", 1, &ONE, |drawn| {
+        drawn.next_s += 15.0;
+        drawn.press(PRESS_N);
+    });
+}
+
+#[test]
+fn one() {
+    check_drawn("one", 1, &ONE, |drawn| (0..6).for_each(|_| _ = drawn.press(PRESS_N)));
+}
+
+/// Four fingers, 40 mm apart or more.
+#[test]
+fn four() {
+    let bars = Bars { found: 0.95, ..ONE };
+    check_drawn("four", 4, &bars, |drawn| (0..3).for_each(|_| _ = drawn.press(PRESS_N)));
+}
+
+/// Three chords of 60 mm or more at 50 mm/s: friction drags fabric and electrodes along. One stroke of
+/// the nine may change its number.
+#[test]
+fn slide() {
+    let bars = Bars { error_m: 8e-3, id_changes: 1, ..ONE };
+    check_drawn("slide", 1, &bars, |drawn| (0..3).for_each(|_| _ = drawn.slide(1.5, 0.05)));
+}
+
+/// One finger that presses again and again from half a second after the electrode breaks on.
+fn bench(seed: u64, presses: usize) -> Recording {
+    let mut drawn = Drawn::new(seed, 1);
+    drawn.next_s = FIRST_S + 3.5;
+    (0..presses).for_each(|_| _ = drawn.press(0.8..2.0));
+    Recording::simulate(&drawn.script(), seed)
+}
+
+/// The frame in which the only fault was found: it is this electrode's and came from contradictions.
+fn frame_of_fault(touches: &Touches) -> usize {
+    let [fault] = touches.faults[..] else { panic!("{:?}", touches.faults) };
+    assert_eq!((fault.electrode, fault.kind), (BROKEN, FaultKind::Contradicts));
+    (fault.since_s * RATE_HZ).round() as usize
+}
+
+/// An electrode opens: it is named within 5 frames, and touches are found without it.
+#[test]
+fn open_electrode() {
+    let mut counts = Counts::default();
+    for seed in SEEDS {
+        let mut recording = bench(seed, 6);
+        let end = recording.values.nrows();
+        recording.open(BROKEN, BROKEN_FROM..end, &mut Random::new(seed));
+        let touches = recording.touches();
+        let frame = frame_of_fault(&touches);
+        println!("fault found {} frames after it began", frame - BROKEN_FROM);
+        assert!((BROKEN_FROM..BROKEN_FROM + 5).contains(&frame), "{frame}");
+        // every touch came after the fault
+        assert!(touches.rows.iter().all(|row| !row.touch.whole));
+        counts.add(&recording, &touches, QUIET_FRAMES);
+    }
+    check("open electrode", &counts.score(), &ONE);
+}
+
+/// The electrode gets its signal back before the second press: within 2 s it is used again, and nothing
+/// is shown for that.
+#[test]
+fn open_electrode_heals() {
+    let seed = SEEDS[0];
+    let mut drawn = Drawn::new(seed, 1);
+    drawn.next_s = FIRST_S + 3.5;
+    drawn.press(0.8..2.0).next_s += 3.0;
+    drawn.press(0.8..2.0).press(0.8..2.0);
+    let mut recording = Recording::simulate(&drawn.script(), seed);
+    // a second after the lift of the first press
+    let healed_from = ((FIRST_S + 3.5 + 1.1 + 1.0) * RATE_HZ) as usize;
+    recording.open(BROKEN, BROKEN_FROM..healed_from, &mut Random::new(seed));
+    let touches = recording.touches();
+    frame_of_fault(&touches);
+    let all = measurements_of(BROKEN);
+    let is_back = |frame: usize| all.iter().all(|&i| !touches.is_missing[[frame, i]]);
+    let back = (healed_from..recording.values.nrows()).find(|&frame| is_back(frame)).unwrap();
+    println!("used again {} frames after its signal", back - healed_from);
+    // 1 s of good frames is what the monitor asks for
+    assert!(back - healed_from <= (2.0 * RATE_HZ) as usize, "{back}");
+    assert!((back..recording.values.nrows()).all(is_back));
+    check("healed", &Counts::of(&recording, &touches, QUIET_FRAMES).score(), &ONE);
+    let last = touches.rows.last().unwrap();
+    assert!(last.touch.whole, "{last:?}");
+}
+
+/// Values that are not numbers are left out of their frames; the touch goes on and says so.
+#[test]
+fn missing_values() {
+    let seed = SEEDS[0];
+    let mut recording = bench(seed, 1);
+    let held: Vec<usize> = (0..recording.values.nrows())
+        .filter(|frame| recording.truth.iter().any(|t| t.frame == *frame && t.force_n > 0.7))
+        .collect();
+    let mut random = Random::new(seed);
+    // every third frame of the press, ten of 208 values each: no electrode loses most of its own
+    let holed: Vec<usize> = held.iter().copied().skip(3).step_by(3).collect();
+    for &frame in &holed {
+        (0..10).for_each(|_| recording.values[[frame, random.below(208)]] = f64::NAN);
+    }
+    let touches = recording.touches();
+    assert!(touches.faults.is_empty(), "{:?}", touches.faults);
+    for frame in held[1]..=*held.last().unwrap() {
+        let [touch] = acted_on(&touches, frame)[..] else { panic!("frame {frame}") };
+        assert_eq!(touch.whole, !holed.contains(&frame), "frame {frame}");
+        assert_ne!(touch.state, TouchState::End);
+    }
+    assert_eq!(touches.count(), 1);
+    check("missing values", &Counts::of(&recording, &touches, QUIET_FRAMES).score(), &ONE);
+}
