@@ -39,7 +39,7 @@ pub use settings::DetectorSettings;
 
 use super::fit::in_space;
 use crate::InverseError;
-use crate::check::check_length;
+use crate::check::{check_length, check_positive};
 use crate::geometry::distance_m;
 use dictionary::Dictionary;
 use eit_mesh::Surface;
@@ -149,6 +149,8 @@ pub struct TouchDetector {
     memory_v: Vec<f64>,
     gain_of: Vec<f64>,
     touches: Vec<DetectedTouch>,
+    /// Root mean square error of each touch's place by noise and nuisance parameters, metres.
+    errors_m: Vec<f64>,
 }
 
 impl TouchDetector {
@@ -208,6 +210,7 @@ impl TouchDetector {
             memory_v: vec![0.0; n],
             gain_of: vec![0.0; n],
             touches: Vec::with_capacity(settings.max_touches),
+            errors_m: Vec::with_capacity(settings.max_touches),
             settings,
             places,
             rows,
@@ -355,8 +358,9 @@ impl TouchDetector {
 
     fn report(&mut self) {
         let (sign, gain) = (self.settings.sign.factor(), self.whitening.present().max(1) as f64);
-        let Self { search, places, dictionary, touches, .. } = self;
+        let Self { search, places, dictionary, touches, errors_m, .. } = self;
         touches.clear();
+        errors_m.clear();
         let best = &search.best;
         for (k, spot) in best.spots.iter().enumerate() {
             touches.push(DetectedTouch {
@@ -372,6 +376,7 @@ impl TouchDetector {
         let homes: [usize; 16] =
             std::array::from_fn(|k| best.spots.get(k).map_or(0, |spot| spot.place));
         search.covariances(|k, strength, [a, b, c, d]| {
+            errors_m.push((a + d).sqrt());
             let plane = [[excess * a, excess * b], [excess * c, excess * d]];
             touches[k].position_covariance_m2 = in_space(plane, places.at[homes[k]].tangents);
             touches[k].strength_std_s_m2 = (excess * strength).sqrt();
@@ -404,7 +409,8 @@ impl TouchDetector {
             }
         }
         let fade = if is_touched { 0.0 } else { weight };
-        let touches = best.spots.iter().copied().zip(best.strengths.iter().copied());
+        let touches = best.spots.iter().zip(&best.strengths).zip(&self.errors_m);
+        let touches = touches.map(|((spot, strength), error_m)| (*spot, *strength, *error_m));
         self.memory.take(&self.touch_v, touches, dt_s, fade, &self.dictionary, &self.settings);
         let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
         self.before_m.clear();
@@ -440,6 +446,7 @@ fn check(model: &DetectorModel<'_>) -> Result<(), InverseError> {
         if !value.is_finite() {
             return Err(InverseError::NonFiniteReference { measurement: i, value });
         }
+        check_positive("noise_std_v", model.noise_std_v[i])?;
         if let Some(element) = unknowns.row(i).iter().position(|v| !v.is_finite()) {
             let value = unknowns[(i, element)];
             return Err(InverseError::NonFiniteJacobian { measurement: i, element, value });

@@ -3,6 +3,8 @@
 #![allow(dead_code, missing_docs, reason = "each test file uses its part")]
 #![allow(clippy::unwrap_used, reason = "a panic is a failed test")]
 
+pub mod detector;
+
 use eit_mesh::Surface;
 use ndarray::Array2;
 

@@ -39,6 +39,7 @@ pub(super) struct Dictionary {
     squared: Vec<f64>,
     squared_of_all: Vec<f64>,
     sees: Vec<bool>,
+    sorted: Vec<f64>,
     /// Top of a touch of 1 S m^2, 1 / m^2.
     tops: Vec<f64>,
 }
@@ -77,9 +78,17 @@ impl Dictionary {
             whitening.apply(&scaled, target);
         }
         let squared: Vec<f64> = values.chunks_exact(n).map(|v| dot(v, v)).collect();
-        let squared_of_all = squared.clone();
-        let sees = vec![true; places.len()];
-        let mut made = Self { rows: n, volts, values, slopes, squared, squared_of_all, sees, tops };
+        let mut made = Self {
+            rows: n,
+            sees: vec![true; places.len()],
+            squared_of_all: squared.clone(),
+            sorted: squared.clone(),
+            volts,
+            values,
+            slopes,
+            squared,
+            tops,
+        };
         made.look();
         Ok(made)
     }
@@ -96,9 +105,9 @@ impl Dictionary {
 
     /// Which places are not blind.
     fn look(&mut self) {
-        let mut sorted = self.squared.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let least = (BLIND * sorted[sorted.len() / 2]).max(f64::MIN_POSITIVE);
+        self.sorted.copy_from_slice(&self.squared);
+        self.sorted.sort_unstable_by(f64::total_cmp);
+        let least = (BLIND * self.sorted[self.sorted.len() / 2]).max(f64::MIN_POSITIVE);
         // rounding leaves a little of what is lost
         self.sees
             .iter_mut()

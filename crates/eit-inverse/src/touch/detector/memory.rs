@@ -10,8 +10,13 @@ use super::whitening::{Whitening, dot};
 /// Memories whose whitened squared length is below this explain nothing.
 const FAINT: f64 = 1.0;
 
-/// A touch that has gone less far than this has not moved, metres.
+/// A touch that has gone less far than this has not moved, metres, ...
 const STILL_M: f64 = 3e-3;
+
+/// ... nor has one that has gone less far than so many root mean square errors of its place: two
+/// places of a touch that rests are farther apart once in `exp(8)` frames. Else noise would lay down
+/// what explains the touch away.
+const STILL_ERRORS: f64 = 4.0;
 
 /// Width of the bell as a part of its radius: a sliding touch lays its strength down once for each.
 const WIDTH_RADII: f64 = 1.77;
@@ -112,12 +117,13 @@ impl Memory {
         }
     }
 
-    /// Takes the touches of a frame: `touch` is their signal in volts of the model's rows. `fade` is
-    /// the part of trails that the reference has taken over.
+    /// Takes the touches of a frame, each with its strength and the root mean square error of its place,
+    /// metres: `touch` is their signal in volts of the model's rows. `fade` is the part of trails that
+    /// the reference has taken over.
     pub(super) fn take(
         &mut self,
         touch: &[f64],
-        touches: impl Iterator<Item = (Spot, f64)>,
+        touches: impl Iterator<Item = (Spot, f64, f64)>,
         dt_s: f64,
         fade: f64,
         dictionary: &Dictionary,
@@ -139,8 +145,8 @@ impl Memory {
             }
         }
         self.next.clear();
-        for (spot, strength) in touches {
-            self.lay(spot, strength, dictionary, settings);
+        for touch in touches {
+            self.lay(touch, dictionary, settings);
         }
         std::mem::swap(&mut self.pressed, &mut self.next);
     }
@@ -148,8 +154,7 @@ impl Memory {
     /// What one touch lays down: its peak where it stays, its strength once for each width it goes.
     fn lay(
         &mut self,
-        spot: Spot,
-        strength: f64,
+        (spot, strength, error_m): (Spot, f64, f64),
         dictionary: &Dictionary,
         settings: &DetectorSettings,
     ) {
@@ -162,7 +167,7 @@ impl Memory {
         };
         let moved = distance_m(from.position_m, spot.position_m);
         let width_m = WIDTH_RADII * settings.radius_m;
-        let (part, kept) = if moved > STILL_M {
+        let (part, kept) = if moved > STILL_M.max(STILL_ERRORS * error_m) {
             ((moved / width_m).min(1.0), (spot, strength))
         } else if strength > before {
             (1.0 - before / strength, (from, strength))

@@ -1,0 +1,138 @@
+//! The detector of touches on linear data of a disc: honest covariances, no false touches, touches that
+//! are held, drift.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a test file: a panic is a failed test"
+)]
+
+mod common;
+
+use common::detector::{DT_S, ELECTRODES, FINGER, SKIN, distance_m, place, push, touched};
+use eit_inverse::touch::DetectedTouch;
+use fixtures::Random;
+
+/// `(p - c)' C^-1 (p - c)` in the plane: mean 2, variance 4 where `C` is the covariance of `p`.
+fn normalised_squared(touch: &DetectedTouch, at: [f64; 2]) -> f64 {
+    let [x, y] = [0, 1].map(|k| touch.position_m[k] - at[k]);
+    let [[a, b, _], [_, d, _], _] = touch.position_covariance_m2;
+    (d * x * x - 2.0 * b * x * y + a * y * y) / (a * d - b * b)
+}
+
+/// Places and strengths err by what is stated of them.
+#[test]
+fn covariances_are_honest() {
+    let mut random = Random::new(3);
+    let detector = SKIN.detector(1e-8);
+    let (mut squared, mut strengths, mut stds_m) = (0.0, 0.0, Vec::new());
+    let count = 300;
+    for _ in 0..count {
+        let at = place(&mut random, 0.8);
+        let frame = random.noisy(&touched(&[(at, FINGER)]), SKIN.noise_std_v[0]);
+        let [touch] = push(&mut detector.clone(), &frame)[..] else { panic!("at {at:?}") };
+        squared += normalised_squared(&touch, at) / f64::from(count);
+        let off = (touch.strength_s_m2 - FINGER) / touch.strength_std_s_m2;
+        strengths += off * off / f64::from(count);
+        stds_m.push(touch.position_covariance_m2[0][0].sqrt());
+    }
+    stds_m.sort_by(f64::total_cmp);
+    println!("mean square {squared:.2} and {strengths:.2}, median std {:.2e} m", stds_m[150]);
+    // means of 300: standard deviations 2 / sqrt 300 = 0.12 and sqrt(2 / 300) = 0.08, five of each; what
+    // the meshes differ by comes on top
+    assert!((squared - 2.0).abs() < 0.6, "{squared}");
+    assert!((strengths - 1.0).abs() < 0.4, "{strengths}");
+}
+
+/// A touch must lower a rest of about 104 by the factor 1.8, which is 46 of chi^2. Alone, each place
+/// does that once in `P(|N| > 6.8) / 2 = 5e-12`; 20 000 frames with some hundred independent places are
+/// expected to show 1e-5 touches. No least strength helps.
+#[test]
+fn white_noise_shows_nothing() {
+    let mut random = Random::new(4);
+    let mut detector = SKIN.detector(1e-15);
+    let mut rests = 0.0;
+    for frame in 0..20_000 {
+        let values = random.noisy(&SKIN.model_v, SKIN.noise_std_v[0]);
+        let step = detector.push(&values, |_| false, DT_S).unwrap();
+        rests += step.chi_square / step.rows as f64 / 20_000.0;
+        assert!(detector.touches().is_empty(), "frame {frame}: {:?}", detector.touches());
+    }
+    // 1 for each row, less the sheet's; a reference that follows within 1 s adds 0.05 / 2. A mean of
+    // 2e6 squares is known to 0.1 %
+    println!("mean square of a row {rests:.4}");
+    assert!((rests - 1.015).abs() < 0.015, "{rests}");
+}
+
+/// Turned by an electrode, a touch is found at the turned place.
+#[test]
+fn turned_touches_have_turned_places() {
+    let detector = SKIN.detector(1e-8);
+    let mut worst_m = 0.0_f64;
+    for (r, angle) in [(0.03, 0.3), (0.06, 1.1), (0.085, 2.0)] {
+        let found = (0..ELECTRODES).map(|turn| {
+            let turned = std::f64::consts::TAU * turn as f64 / ELECTRODES as f64;
+            let (sin, cos) = f64::sin_cos(angle + turned);
+            let frame = touched(&[([r * cos, r * sin], FINGER)]);
+            let [touch] = push(&mut detector.clone(), &frame)[..] else { panic!("{r} {turn}") };
+            let [x, y, _] = touch.position_m;
+            // turned back
+            let (sin, cos) = turned.sin_cos();
+            [cos * x + sin * y, cos * y - sin * x]
+        });
+        let found: Vec<[f64; 2]> = found.collect();
+        let mean = [0, 1].map(|k| found.iter().map(|p| p[k]).sum::<f64>() / 16.0);
+        let off = found.iter().map(|p| (p[0] - mean[0]).hypot(p[1] - mean[1]));
+        worst_m = worst_m.max(off.fold(0.0, f64::max));
+        assert!((mean[0].hypot(mean[1]) - r).abs() < 0.5e-3, "{r} {mean:?}");
+    }
+    println!("places differ by {worst_m:.2e} m");
+    // a fifth of the mesh's edge of 5 mm, over which a bell of 7 mm is sampled
+    assert!(worst_m < 1e-3, "{worst_m}");
+}
+
+/// The least strength of a skin in use.
+const LEAST: f64 = 2e-6;
+
+/// Ten minutes of a touch that stays, at 2 Hz: it is still there at the end and where it was, and
+/// nothing is shown after it.
+#[test]
+fn a_held_touch_stays_and_leaves_nothing() {
+    let mut random = Random::new(11);
+    let mut detector = SKIN.detector(LEAST);
+    let at = [-0.03, 0.04];
+    let held = touched(&[(at, FINGER)]);
+    let mut strengths = Vec::new();
+    for frame in 0..20 + 1200 + 120 {
+        let is_held = (20..1220).contains(&frame);
+        let values = random.noisy(if is_held { &held } else { &SKIN.model_v }, SKIN.noise_std_v[0]);
+        detector.push(&values, |_| false, 0.5).unwrap();
+        match detector.touches() {
+            [] if !is_held => {}
+            [touch] if is_held => {
+                // five standard deviations of the place
+                assert!(distance_m(touch, at) < 5e-3, "frame {frame}: {touch:?}");
+                strengths.push(touch.strength_s_m2 / FINGER);
+            }
+            touches => panic!("frame {frame}: {touches:?}"),
+        }
+    }
+    let last = strengths[1100..].iter().sum::<f64>() / 100.0;
+    println!("strength at the end {last:.3}");
+    assert!((last - 1.0).abs() < 0.1, "{last}");
+}
+
+/// The whole sheet gains 1 % of its conductivity within a minute.
+#[test]
+fn a_slow_drift_shows_nothing() {
+    let mut random = Random::new(12);
+    let mut detector = SKIN.detector(LEAST);
+    for frame in 0..1200 {
+        let gain = 1.0 / (1.0 + 0.01 * f64::from(frame) * DT_S / 60.0);
+        let drifted: Vec<f64> = SKIN.model_v.iter().map(|v| gain * v).collect();
+        let values = random.noisy(&drifted, SKIN.noise_std_v[0]);
+        assert!(push(&mut detector, &values).is_empty(), "frame {frame}: {:?}", detector.touches());
+    }
+}
