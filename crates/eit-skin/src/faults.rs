@@ -122,6 +122,7 @@ pub struct FaultMonitor {
     history: Vec<Vec<f64>>,
     is_wrong: Vec<bool>,
     is_missing: Vec<bool>,
+    is_moving: Vec<bool>,
     healed: Vec<usize>,
     faults: Vec<ElectrodeFault>,
     lasting: Vec<ElectrodeFault>,
@@ -148,6 +149,7 @@ impl FaultMonitor {
             history: Vec::with_capacity(STUCK_FRAMES),
             is_wrong: vec![false; used.len()],
             is_missing: vec![false; used.len()],
+            is_moving: vec![false; used.len()],
             healed: Vec::new(),
             faults: Vec::new(),
             lasting: Vec::new(),
@@ -280,15 +282,14 @@ impl FaultMonitor {
         if self.history.len() < STUCK_FRAMES {
             return;
         }
-        let moves = |i: usize| self.span(i) > MOVING_STEPS * self.step_v;
-        let moving: Vec<bool> = (0..self.used.len()).map(|i| self.used[i] && moves(i)).collect();
-        let (all_used, all_moving) = (
-            self.used.iter().filter(|used| **used).count(),
-            moving.iter().filter(|moving| **moving).count(),
-        );
+        for i in 0..self.used.len() {
+            self.is_moving[i] = self.used[i] && self.span(i) > MOVING_STEPS * self.step_v;
+        }
+        let all_used = self.used.iter().filter(|used| **used).count();
+        let all_moving = self.is_moving.iter().filter(|moving| **moving).count();
         for e in 0..self.suspects.len() {
             let of_e = &self.of_electrode[e];
-            let own = of_e.iter().filter(|&&i| moving[i]).count();
+            let own = of_e.iter().filter(|&&i| self.is_moving[i]).count();
             let others = all_used - of_e.len();
             let is_moving = (all_moving - own) as f64 > MOVING * others as f64;
             if is_moving && !of_e.is_empty() && of_e.iter().all(|&i| self.span(i) == 0.0) {

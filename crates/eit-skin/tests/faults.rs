@@ -1,0 +1,316 @@
+//! Which electrode has failed, from voltages alone.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test file: a panic is a failed test"
+)]
+
+use eit_skin::eit_fem::fabric::Random;
+use eit_skin::eit_fem::{PairProtocol, Protocol};
+use eit_skin::faults::{FaultKind, FaultMonitor};
+
+const ELECTRODES: usize = 16;
+const MEASUREMENTS: usize = 208;
+const DT_S: f64 = 0.05;
+
+/// Frames in which an electrode that failed must be named.
+const IN_TIME: usize = 5;
+
+/// Frames after its last bad one in which it is used again: a second.
+const HEALING: usize = 20;
+
+/// Noise and converter step, volts; voltages are 3 mV to 0.25 V.
+const NOISE_V: f64 = 2e-5;
+const STEP_V: f64 = 5e-6;
+
+/// A skin of reciprocal voltages without physics, and its monitor.
+struct Bench {
+    quadruples: Vec<[u32; 4]>,
+    reference: Vec<f64>,
+    monitor: FaultMonitor,
+    random: Random,
+    time_s: f64,
+}
+
+impl Bench {
+    fn new(seed: u64) -> Self {
+        Self::using(seed, &[true; MEASUREMENTS])
+    }
+
+    fn using(seed: u64, used: &[bool]) -> Self {
+        let protocol: Protocol = PairProtocol::default().protocol().unwrap();
+        let quadruples = protocol.quadruples().unwrap().to_vec();
+        // the way between two pairs is that of the exchanged ones too
+        let voltage = |&[a, _, m, _]: &[u32; 4]| {
+            let way = (a as f64 - m as f64).abs();
+            way.min(ELECTRODES as f64 - way).powi(-2)
+        };
+        Self {
+            reference: quadruples.iter().map(voltage).collect(),
+            monitor: FaultMonitor::new(&protocol, used, &[NOISE_V; MEASUREMENTS], STEP_V),
+            quadruples,
+            random: Random::new(seed),
+            time_s: 0.0,
+        }
+    }
+
+    fn of(&self, electrode: usize) -> Vec<usize> {
+        (0..MEASUREMENTS).filter(|&i| self.quadruples[i].contains(&(electrode as u32))).collect()
+    }
+
+    /// Voltages under a touch that changes each pair of reciprocals by up to a fifth.
+    fn frame(&mut self) -> Vec<f64> {
+        let mut touch = vec![0.0; MEASUREMENTS];
+        for i in 0..MEASUREMENTS {
+            let twin = self.monitor.reciprocal()[i];
+            touch[i] = if twin < i { touch[twin] } else { 0.2 * self.random.uniform() };
+        }
+        (0..MEASUREMENTS)
+            .map(|i| self.reference[i] * (1.0 - touch[i]) + NOISE_V * self.random.normal())
+            .collect()
+    }
+
+    /// Pushes a frame whose measurements `broken` are replaced.
+    fn push(&mut self, broken: &[usize], value: impl Fn(&mut Random, f64) -> f64) {
+        let mut frame = self.frame();
+        for &i in broken {
+            frame[i] = value(&mut self.random, frame[i]);
+        }
+        self.push_frame(&frame, |_| true);
+    }
+
+    fn push_frame(&mut self, frame: &[f64], is_good: impl Fn(usize) -> bool) {
+        self.monitor.push(frame, &self.reference, is_good, self.time_s);
+        self.monitor.blame(None, self.time_s);
+        self.time_s += DT_S;
+    }
+
+    fn push_healthy(&mut self, frames: usize) {
+        (0..frames).for_each(|_| self.push(&[], |_, v| v));
+    }
+
+    /// Electrodes that are left out, with the reason.
+    fn faults(&self) -> Vec<(usize, FaultKind)> {
+        self.monitor.faults().iter().map(|fault| (fault.electrode, fault.kind)).collect()
+    }
+
+    /// Exactly these measurements are left out.
+    fn check_missing(&self, wanted: &[usize]) {
+        let missing: Vec<usize> =
+            (0..MEASUREMENTS).filter(|&i| self.monitor.is_missing(i)).collect();
+        assert_eq!(missing, wanted);
+    }
+}
+
+/// Inputs of an open electrode float: a tenth of the largest voltage.
+fn floating(random: &mut Random, _: f64) -> f64 {
+    0.025 * random.normal()
+}
+
+#[test]
+fn touches_are_no_fault() {
+    let mut bench = Bench::new(1);
+    for _ in 0..200 {
+        bench.push_healthy(1);
+        assert_eq!(bench.faults(), []);
+        bench.check_missing(&[]);
+    }
+}
+
+#[test]
+fn every_open_electrode_is_named_at_once() {
+    for electrode in 0..ELECTRODES {
+        let mut bench = Bench::new(electrode as u64);
+        bench.push_healthy(10);
+        let lost = bench.of(electrode);
+        bench.push(&lost, floating);
+        assert_eq!(bench.faults(), [(electrode, FaultKind::Contradicts)]);
+        bench.check_missing(&lost);
+        let fault = bench.monitor.faults()[0];
+        assert!((fault.since_s - 10.0 * DT_S).abs() < 1e-12);
+        let words = fault.words();
+        assert!(words.contains(&format!("electrode {} ", electrode + 1)), "{words}");
+        assert_eq!(fault.json()["electrode"], electrode + 1);
+    }
+}
+
+#[test]
+fn four_open_electrodes_are_named() {
+    let mut bench = Bench::new(21);
+    bench.push_healthy(10);
+    let broken = [2, 5, 8, 11];
+    let lost: Vec<usize> = broken.iter().flat_map(|&e| bench.of(e)).collect();
+    for _ in 0..IN_TIME {
+        bench.push(&lost, floating);
+    }
+    assert_eq!(bench.faults(), broken.map(|e| (e, FaultKind::Contradicts)));
+}
+
+/// An electrode without any voltage: its measurements and their reciprocals are zero alike.
+#[test]
+fn a_dead_electrode_is_named() {
+    let mut bench = Bench::new(22);
+    bench.push_healthy(10);
+    let lost = bench.of(7);
+    bench.push(&lost, |random, _| NOISE_V * random.normal());
+    assert_eq!(bench.faults(), [(7, FaultKind::Contradicts)]);
+}
+
+/// One channel that contradicts its reciprocal is left out with it; no electrode is to blame.
+#[test]
+fn a_bad_channel_is_no_bad_electrode() {
+    let mut bench = Bench::new(23);
+    bench.push_healthy(10);
+    bench.push(&[40], |_, v| v + 0.1);
+    assert_eq!(bench.faults(), []);
+    let mut pair = [40, bench.monitor.reciprocal()[40]];
+    pair.sort_unstable();
+    bench.check_missing(&pair);
+}
+
+#[test]
+fn a_stuck_electrode_is_named() {
+    let mut bench = Bench::new(24);
+    let lost = bench.of(5);
+    // without a touch: under one it contradicts its reciprocals before
+    let quiet = |bench: &mut Bench| -> Vec<f64> {
+        let Bench { reference, random, .. } = bench;
+        reference.iter().map(|v| v + NOISE_V * random.normal()).collect()
+    };
+    let held = quiet(&mut bench);
+    for frame in 1..=IN_TIME {
+        assert_eq!(bench.faults(), [], "{frame}");
+        let mut values = quiet(&mut bench);
+        lost.iter().for_each(|&i| values[i] = held[i]);
+        bench.push_frame(&values, |_| true);
+    }
+    assert_eq!(bench.faults(), [(5, FaultKind::Stuck)]);
+    bench.check_missing(&lost);
+    // it moves again
+    for _ in 0..HEALING {
+        let values = quiet(&mut bench);
+        bench.push_frame(&values, |_| true);
+    }
+    assert_eq!(bench.faults(), []);
+}
+
+/// A coarse converter repeats every value of a quiet skin: nothing is stuck.
+#[test]
+fn a_still_skin_is_not_stuck() {
+    let mut bench = Bench::new(25);
+    let frame = bench.reference.clone();
+    (0..20).for_each(|_| bench.push_frame(&frame, |_| true));
+    assert_eq!(bench.faults(), []);
+}
+
+/// Three frames in a row must blame the same electrode; a gain that stands still is used again.
+#[test]
+fn a_drifting_electrode_is_blamed_and_comes_back() {
+    let mut bench = Bench::new(26);
+    let of_7 = bench.of(7);
+    let push = |bench: &mut Bench, gain: f64, blamed: Option<usize>| {
+        let mut frame = bench.reference.clone();
+        of_7.iter().for_each(|&i| frame[i] *= gain);
+        bench.monitor.push(&frame, &bench.reference, |_| true, bench.time_s);
+        bench.monitor.blame(blamed, bench.time_s);
+        bench.time_s += DT_S;
+    };
+    for blamed in [Some(7), Some(7), None, Some(7), Some(3), Some(7), Some(7)] {
+        push(&mut bench, 1.0, blamed);
+        assert_eq!(bench.faults(), [], "{blamed:?}");
+    }
+    push(&mut bench, 1.0, Some(7));
+    assert_eq!(bench.faults(), [(7, FaultKind::Drifts)]);
+    // left out of the frame that was blamed too
+    bench.check_missing(&bench.of(7));
+    // 1 % a second for 3 s
+    for k in 0..60 {
+        push(&mut bench, 1.0 + 0.01 * DT_S * f64::from(k), None);
+        assert_eq!(bench.faults(), [(7, FaultKind::Drifts)], "{k}");
+    }
+    let mut still = 0;
+    while !bench.faults().is_empty() {
+        push(&mut bench, 1.03, None);
+        still += 1;
+    }
+    // the second begins where the gain has gone 0.1 % for the last time: two frames of drift
+    assert!((HEALING - 2..=HEALING + 2).contains(&still), "{still}");
+    assert_eq!(bench.monitor.healed(), bench.of(7));
+}
+
+#[test]
+fn a_flagged_electrode_is_named_and_flags_alone_are_none() {
+    let mut bench = Bench::new(27);
+    let lost = bench.of(3);
+    let frame = bench.frame();
+    bench.push_frame(&frame, |i| !lost.contains(&i));
+    assert_eq!(bench.faults(), [(3, FaultKind::Flagged)]);
+    bench.check_missing(&lost);
+    for _ in 0..HEALING {
+        assert_eq!(bench.faults(), [(3, FaultKind::Flagged)]);
+        bench.push_healthy(1);
+    }
+    assert_eq!(bench.faults(), []);
+    // half of them, and values that are no numbers: left out, nobody is to blame
+    let half: Vec<usize> = lost.iter().copied().step_by(2).collect();
+    let mut frame = bench.frame();
+    half.iter().for_each(|&i| frame[i] = f64::NAN);
+    bench.push_frame(&frame, |_| true);
+    assert_eq!(bench.faults(), []);
+    bench.check_missing(&half);
+}
+
+/// A second of good frames without a break; the measurements that come back are listed once.
+#[test]
+fn an_open_electrode_heals() {
+    let mut bench = Bench::new(28);
+    let lost = bench.of(5);
+    bench.push(&lost, floating);
+    bench.push_healthy(HEALING - 2);
+    // loose: once more open, the second begins anew
+    bench.push(&lost, floating);
+    for frame in 1..=HEALING {
+        assert_eq!(bench.faults(), [(5, FaultKind::Contradicts)], "{frame}");
+        assert!(bench.monitor.healed().is_empty());
+        bench.push_healthy(1);
+    }
+    assert_eq!(bench.faults(), []);
+    assert_eq!(bench.monitor.healed(), lost);
+    bench.check_missing(&[]);
+    bench.push_healthy(1);
+    assert!(bench.monitor.healed().is_empty());
+}
+
+/// What does not count accuses nobody and is never missing.
+#[test]
+fn unused_measurements_do_not_count() {
+    let of_5 = Bench::new(29).of(5);
+    let mut used = [true; MEASUREMENTS];
+    of_5.iter().for_each(|&i| used[i] = false);
+    let mut bench = Bench::using(29, &used);
+    for _ in 0..10 {
+        bench.push(&of_5, |_, _| f64::NAN);
+        assert_eq!(bench.faults(), []);
+        bench.check_missing(&[]);
+    }
+}
+
+#[test]
+fn push_allocates_nothing() {
+    let mut bench = Bench::new(30);
+    let lost = bench.of(5);
+    let mut cycle = |counts: bool| {
+        for frame in 0..60 {
+            let mut values = bench.frame();
+            if frame < 20 {
+                lost.iter().for_each(|&i| values[i] = bench.random.normal());
+            }
+            let info = allocation_counter::measure(|| bench.push_frame(&values, |_| true));
+            assert!(!counts || info.count_total == 0, "{frame}: {info:?}");
+        }
+    };
+    cycle(false);
+    cycle(true);
+}
