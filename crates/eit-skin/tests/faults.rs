@@ -7,102 +7,18 @@
     reason = "a test file: a panic is a failed test"
 )]
 
-use eit_skin::eit_fem::fabric::Random;
-use eit_skin::eit_fem::{PairProtocol, Protocol};
-use eit_skin::faults::{FaultKind, FaultMonitor};
+#[path = "common/voltages.rs"]
+mod voltages;
 
-const ELECTRODES: usize = 16;
-const MEASUREMENTS: usize = 208;
-const DT_S: f64 = 0.05;
+use eit_skin::eit_fem::fabric::Random;
+use eit_skin::faults::{ElectrodeFault, FaultKind};
+use voltages::{Bench, DT_S, ELECTRODES, MEASUREMENTS, NOISE_V};
 
 /// Frames in which an electrode that failed must be named.
 const IN_TIME: usize = 5;
 
 /// Frames after its last bad one in which it is used again: a second.
 const HEALING: usize = 20;
-
-/// Noise and converter step, volts; voltages are 3 mV to 0.25 V.
-const NOISE_V: f64 = 2e-5;
-const STEP_V: f64 = 5e-6;
-
-/// A skin of reciprocal voltages without physics, and its monitor.
-struct Bench {
-    quadruples: Vec<[u32; 4]>,
-    reference: Vec<f64>,
-    monitor: FaultMonitor,
-    random: Random,
-    time_s: f64,
-}
-
-impl Bench {
-    fn new(seed: u64) -> Self {
-        Self::using(seed, &[true; MEASUREMENTS])
-    }
-
-    fn using(seed: u64, used: &[bool]) -> Self {
-        let protocol: Protocol = PairProtocol::default().protocol().unwrap();
-        let quadruples = protocol.quadruples().unwrap().to_vec();
-        // the way between two pairs is that of the exchanged ones too
-        let voltage = |&[a, _, m, _]: &[u32; 4]| {
-            let way = (a as f64 - m as f64).abs();
-            way.min(ELECTRODES as f64 - way).powi(-2)
-        };
-        Self {
-            reference: quadruples.iter().map(voltage).collect(),
-            monitor: FaultMonitor::new(&protocol, used, &[NOISE_V; MEASUREMENTS], STEP_V),
-            quadruples,
-            random: Random::new(seed),
-            time_s: 0.0,
-        }
-    }
-
-    fn of(&self, electrode: usize) -> Vec<usize> {
-        (0..MEASUREMENTS).filter(|&i| self.quadruples[i].contains(&(electrode as u32))).collect()
-    }
-
-    /// Voltages under a touch that changes each pair of reciprocals by up to a fifth.
-    fn frame(&mut self) -> Vec<f64> {
-        let mut touch = vec![0.0; MEASUREMENTS];
-        for i in 0..MEASUREMENTS {
-            let twin = self.monitor.reciprocal()[i];
-            touch[i] = if twin < i { touch[twin] } else { 0.2 * self.random.uniform() };
-        }
-        (0..MEASUREMENTS)
-            .map(|i| self.reference[i] * (1.0 - touch[i]) + NOISE_V * self.random.normal())
-            .collect()
-    }
-
-    /// Pushes a frame whose measurements `broken` are replaced.
-    fn push(&mut self, broken: &[usize], value: impl Fn(&mut Random, f64) -> f64) {
-        let mut frame = self.frame();
-        for &i in broken {
-            frame[i] = value(&mut self.random, frame[i]);
-        }
-        self.push_frame(&frame, |_| true);
-    }
-
-    fn push_frame(&mut self, frame: &[f64], is_good: impl Fn(usize) -> bool) {
-        self.monitor.push(frame, &self.reference, is_good, self.time_s);
-        self.monitor.blame(None, self.time_s);
-        self.time_s += DT_S;
-    }
-
-    fn push_healthy(&mut self, frames: usize) {
-        (0..frames).for_each(|_| self.push(&[], |_, v| v));
-    }
-
-    /// Electrodes that are left out, with the reason.
-    fn faults(&self) -> Vec<(usize, FaultKind)> {
-        self.monitor.faults().iter().map(|fault| (fault.electrode, fault.kind)).collect()
-    }
-
-    /// Exactly these measurements are left out.
-    fn check_missing(&self, wanted: &[usize]) {
-        let missing: Vec<usize> =
-            (0..MEASUREMENTS).filter(|&i| self.monitor.is_missing(i)).collect();
-        assert_eq!(missing, wanted);
-    }
-}
 
 /// Inputs of an open electrode float: a tenth of the largest voltage.
 fn floating(random: &mut Random, _: f64) -> f64 {
@@ -156,6 +72,20 @@ fn a_dead_electrode_is_named() {
     let lost = bench.of(7);
     bench.push(&lost, |random, _| NOISE_V * random.normal());
     assert_eq!(bench.faults(), [(7, FaultKind::Contradicts)]);
+}
+
+/// A fault that lasts as long as the reference is listed with those that are found, and never heals.
+#[test]
+fn a_lasting_fault_stays() {
+    let lost = Bench::new(31).of(9);
+    let mut used = [true; MEASUREMENTS];
+    lost.iter().for_each(|&i| used[i] = false);
+    let mut bench = Bench::with(31, &used, &[NOISE_V; MEASUREMENTS]);
+    let fault = ElectrodeFault { electrode: 9, kind: FaultKind::Contradicts, since_s: 0.0 };
+    bench.monitor = bench.monitor.with_lasting(&[fault]);
+    bench.push_healthy(2 * HEALING);
+    assert_eq!(bench.faults(), [(9, FaultKind::Contradicts)]);
+    bench.check_missing(&[]);
 }
 
 /// One channel that contradicts its reciprocal is left out with it; no electrode is to blame.
@@ -289,7 +219,7 @@ fn unused_measurements_do_not_count() {
     let of_5 = Bench::new(29).of(5);
     let mut used = [true; MEASUREMENTS];
     of_5.iter().for_each(|&i| used[i] = false);
-    let mut bench = Bench::using(29, &used);
+    let mut bench = Bench::with(29, &used, &[NOISE_V; MEASUREMENTS]);
     for _ in 0..10 {
         bench.push(&of_5, |_, _| f64::NAN);
         assert_eq!(bench.faults(), []);

@@ -1,0 +1,96 @@
+//! Reciprocal voltages that no physics is behind, for tests of the fault monitor.
+
+#![allow(dead_code, missing_docs, reason = "each test file uses its part")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a panic is a failed test")]
+
+use eit_skin::eit_fem::fabric::Random;
+use eit_skin::eit_fem::{PairProtocol, Protocol};
+use eit_skin::faults::{FaultKind, FaultMonitor};
+
+pub const ELECTRODES: usize = 16;
+pub const MEASUREMENTS: usize = 208;
+pub const DT_S: f64 = 0.05;
+
+/// Noise and converter step, volts; voltages are 3 mV to 0.25 V.
+pub const NOISE_V: f64 = 2e-5;
+pub const STEP_V: f64 = 5e-6;
+
+/// A skin of reciprocal voltages without physics, and its monitor.
+pub struct Bench {
+    pub quadruples: Vec<[u32; 4]>,
+    pub reference: Vec<f64>,
+    pub monitor: FaultMonitor,
+    pub random: Random,
+    pub time_s: f64,
+}
+
+impl Bench {
+    pub fn new(seed: u64) -> Self {
+        Self::with(seed, &[true; MEASUREMENTS], &[NOISE_V; MEASUREMENTS])
+    }
+
+    /// With measurements that count and the noise the monitor is told, volts.
+    pub fn with(seed: u64, used: &[bool], noise_v: &[f64]) -> Self {
+        let protocol: Protocol = PairProtocol::default().protocol().unwrap();
+        let quadruples = protocol.quadruples().unwrap().to_vec();
+        // the way between two pairs is that of the exchanged ones too
+        let voltage = |&[a, _, m, _]: &[u32; 4]| {
+            let way = (a as f64 - m as f64).abs();
+            way.min(ELECTRODES as f64 - way).powi(-2)
+        };
+        Self {
+            reference: quadruples.iter().map(voltage).collect(),
+            monitor: FaultMonitor::new(&protocol, used, noise_v, STEP_V),
+            quadruples,
+            random: Random::new(seed),
+            time_s: 0.0,
+        }
+    }
+
+    pub fn of(&self, electrode: usize) -> Vec<usize> {
+        (0..MEASUREMENTS).filter(|&i| self.quadruples[i].contains(&(electrode as u32))).collect()
+    }
+
+    /// Voltages under a touch that changes each pair of reciprocals by up to a fifth.
+    pub fn frame(&mut self) -> Vec<f64> {
+        let mut touch = vec![0.0; MEASUREMENTS];
+        for i in 0..MEASUREMENTS {
+            let twin = self.monitor.reciprocal()[i];
+            touch[i] = if twin < i { touch[twin] } else { 0.2 * self.random.uniform() };
+        }
+        (0..MEASUREMENTS)
+            .map(|i| self.reference[i] * (1.0 - touch[i]) + NOISE_V * self.random.normal())
+            .collect()
+    }
+
+    /// Pushes a frame whose measurements `broken` are replaced.
+    pub fn push(&mut self, broken: &[usize], value: impl Fn(&mut Random, f64) -> f64) {
+        let mut frame = self.frame();
+        for &i in broken {
+            frame[i] = value(&mut self.random, frame[i]);
+        }
+        self.push_frame(&frame, |_| true);
+    }
+
+    pub fn push_frame(&mut self, frame: &[f64], is_good: impl Fn(usize) -> bool) {
+        self.monitor.push(frame, &self.reference, is_good, self.time_s);
+        self.monitor.blame(None, self.time_s);
+        self.time_s += DT_S;
+    }
+
+    pub fn push_healthy(&mut self, frames: usize) {
+        (0..frames).for_each(|_| self.push(&[], |_, v| v));
+    }
+
+    /// Electrodes that are left out, with the reason.
+    pub fn faults(&self) -> Vec<(usize, FaultKind)> {
+        self.monitor.faults().iter().map(|fault| (fault.electrode, fault.kind)).collect()
+    }
+
+    /// Exactly these measurements are left out.
+    pub fn check_missing(&self, wanted: &[usize]) {
+        let missing: Vec<usize> =
+            (0..MEASUREMENTS).filter(|&i| self.monitor.is_missing(i)).collect();
+        assert_eq!(missing, wanted);
+    }
+}
