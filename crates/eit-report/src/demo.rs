@@ -228,14 +228,16 @@ fn text(shown: &[Shown], folder: &DemoFolder, seconds: f64) -> String {
         let [.., quotient] = judged.errors_of_touched();
         let latency_ms = 1e3 * seen.summary.latency_s(0.5).unwrap_or(f64::NAN);
         lines.push(format!(
-            "{}: {} images; the U-net leaves {quotient:.2} of their squared error; fingers found in \
-             {} of {} cases, {:.1} mm off, {} invented; {latency_ms:.0} ms from a frame to its touches",
+            "{}: {} images, {} touches where no finger is ({} of them with none on the skin); fingers \
+             found in {} of {} cases, {:.1} mm off; {latency_ms:.0} ms from a frame to its touches; the \
+             U-net leaves {quotient:.2} of the squared error of images",
             experiment.name,
             seen.summary.frames,
+            judged.invented,
+            judged.left_over,
             judged.found,
             judged.fingers,
             1e3 * judged.distance_m(),
-            judged.invented,
         ));
     }
     if let Some(line) = shown.iter().map(|s| &s.seen.line).find(|line| line.starts_with("TCP")) {
