@@ -7,7 +7,7 @@ use crate::reconstruct::touches::{HEADER, write_row};
 use eit_hw::capture::{TouchRecord, TouchesRecord};
 use eit_hw::driver::Statistics;
 use eit_inverse::touch::TouchState;
-use eit_skin::live::{LiveFrame, Summary};
+use eit_skin::live::{LiveFrame, LiveImages, Summary};
 use serde_json::json;
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
@@ -35,21 +35,28 @@ impl Kept {
 
     /// Takes an image and its touches.
     pub fn take(&mut self, shown: &LiveFrame<'_>) -> Result<(), ReportError> {
-        let raster = &shown.finder.raster;
+        if let Some(made) = shown.images {
+            self.take_image(made)?;
+        }
+        for touch in shown.touches {
+            write_row(shown.number, shown.time_s, touch, &mut self.touches)?;
+        }
+        Ok(())
+    }
+
+    fn take_image(&mut self, made: &LiveImages) -> Result<(), ReportError> {
+        let raster = made.raster();
         if self.images.is_none() {
             let shape = [raster.pixels(); 2];
-            let raw = shown.images.raw().map(|_| ImageFile::new(&self.folder, "raw.npy", shape));
+            let raw = made.raw().map(|_| ImageFile::new(&self.folder, "raw.npy", shape));
             let images = ImageFile::new(&self.folder, "images.npy", shape)?;
             self.images = Some((images, raw.transpose()?));
         }
         if let Some((images, raw)) = &mut self.images {
-            images.push(raster.image_from_pixels(shown.images.pixels())?.view())?;
-            if let (Some(file), Some(raw)) = (raw, shown.images.raw()) {
+            images.push(raster.image_from_pixels(made.pixels())?.view())?;
+            if let (Some(file), Some(raw)) = (raw, made.raw()) {
                 file.push(raster.image_from_pixels(raw)?.view())?;
             }
-        }
-        for touch in shown.touches {
-            write_row(shown.number, shown.time_s, touch, &mut self.touches)?;
         }
         Ok(())
     }

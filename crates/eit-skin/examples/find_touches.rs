@@ -39,10 +39,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (values, good) = (row.to_vec(), fitted.frames.good.row(frame));
         let time_s = frame as f64 / rate_hz;
         let begin = Instant::now();
-        finder.image(&values, |i| good[i], time_s)?;
-        let touches = finder.find(time_s)?.to_vec();
+        let touches = finder.push(&values, |i| good[i], time_s)?;
         times.push(begin.elapsed().as_secs_f64());
-        for touch in &touches {
+        for touch in touches {
             let ([x, y, z], Touch { id, state, valid, confidence, age_frames, .. }) =
                 (touch.position_m, touch);
             let state = format!("{state:?}").to_lowercase();

@@ -1,11 +1,12 @@
 //! Frames to touches as they come: one loop for an instrument, a replay and the demo.
 //!
-//! The first frames of an epoch are the reference; from then on each frame gives an image
-//! ([`LiveImages`]) and its touches ([`TouchFinder`](crate::touches::TouchFinder)), whatever the pace: nothing looks at a clock, so
-//! that a recording gives the same images to the bit.
+//! The first frames of an epoch are the reference; from then on each frame gives its touches
+//! ([`TouchFinder`](crate::touches::TouchFinder)) and, for who wants to look, an image ([`LiveImages`]),
+//! whatever the pace: nothing looks at a clock, so that a recording gives the same to the bit.
 
 mod clock;
 mod images;
+mod one_step;
 mod sensor;
 mod stream;
 mod summary;
@@ -171,8 +172,9 @@ impl LiveModel {
                         summary.images = stream.image_words().to_owned();
                     }
                 }
-                Pushed::Image(shown) => {
-                    summary.take(shown.touches, shown.images.state(), shown.latency_s);
+                Pushed::Shown(shown) => {
+                    let state = shown.images.map(LiveImages::state).unwrap_or_default();
+                    summary.take(shown.touches, state, shown.latency_s);
                     summary.take_faults(shown.faults);
                     observer.frame(&shown)?;
                     let first = *first_frame.get_or_insert_with(Instant::now);

@@ -116,10 +116,9 @@ pub fn touches(
             let time_s = frame as f64 / rate_hz;
             let values = frames.values.row(frame).to_vec();
             let good = frames.good.row(frame);
-            finder
-                .image(&values, |i| good[i], time_s)
+            let touches = finder
+                .push(&values, |i| good[i], time_s)
                 .map_err(|e| e.within(&format!("frame {frame}")))?;
-            let touches = finder.find(time_s)?;
             found.rows.extend(touches.iter().map(|&touch| TouchRow { frame, time_s, touch }));
             for (i, missing) in found.is_missing.row_mut(frame).iter_mut().enumerate() {
                 *missing = finder.is_missing(i);

@@ -4,7 +4,7 @@ use crate::error::CliError;
 use eit_inverse::touch::TouchState;
 use eit_picture::{ColorMap, FrameLabels, PictureSettings, SkinDrawing, draw_sheet};
 use eit_report::output::OutFile;
-use eit_skin::live::{LiveFrame, LiveModel};
+use eit_skin::live::{LiveFrame, LiveImages, LiveModel};
 use ndarray::{Array3, ArrayView2};
 use std::collections::VecDeque;
 use std::fmt::Write as _;
@@ -30,23 +30,24 @@ struct Range {
 }
 
 impl Range {
-    fn of(&mut self, shown: &LiveFrame<'_>) -> f64 {
-        let size = shown.images.pixels().iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    /// After an image; `level_s` is the change of conductivity of the faintest touch.
+    fn of(&mut self, images: &LiveImages, level_s: f64) -> f64 {
+        let size = images.pixels().iter().fold(0.0_f64, |most, value| most.max(value.abs()));
         self.largest.push_back(size);
         if self.largest.len() > RANGE_FRAMES {
             self.largest.pop_front();
         }
         let largest = self.largest.iter().copied().fold(0.0, f64::max);
-        largest.max(RANGE_IN_LEVELS * shown.finder.level_s())
+        largest.max(RANGE_IN_LEVELS * level_s)
     }
 }
 
-/// The image of a shown, [1, row, column].
-fn image(shown: &LiveFrame<'_>) -> Result<Array3<f64>, CliError> {
-    let pixels = shown.images.pixels();
+/// The image at hand, [1, row, column].
+fn image(images: &LiveImages) -> Result<Array3<f64>, CliError> {
+    let pixels = images.pixels();
     let row = ArrayView2::from_shape((1, pixels.len()), pixels)
         .map_err(|e| CliError::Failure(format!("image: {e}")))?;
-    Ok(shown.finder.raster.images_from_pixels(row)?)
+    Ok(images.raster().images_from_pixels(row)?)
 }
 
 /// A PNG file of the latest image, replaced in one step.
@@ -66,17 +67,18 @@ impl Picture {
 
     /// Draws it, if the last one is old enough.
     pub fn show(&mut self, model: &LiveModel, shown: &LiveFrame<'_>) -> Result<(), CliError> {
-        let range = self.range.of(shown);
+        let Some(images) = shown.images else { return Ok(()) };
+        let range = self.range.of(images, shown.finder.level_s());
         if self.last.is_some_and(|last| last.elapsed() < PICTURE_EVERY) {
             return Ok(());
         }
         let skin = self.skin.get_or_insert_with(|| {
-            eit_picture::SkinDrawing::from_raster(&model.skin().mesh, &shown.finder.raster)
+            eit_picture::SkinDrawing::from_raster(&model.skin().mesh, images.raster())
         });
         let marks = shown.touches.iter().filter(|touch| touch.valid);
         let settings = PictureSettings {
             title: model.skin().name.clone(),
-            footnote: shown.images.words().to_owned(),
+            footnote: images.words().to_owned(),
             labels: FrameLabels::Text(vec![format!(
                 "frame {}, {:.2} s",
                 shown.frame.sequence, shown.time_s
@@ -85,7 +87,7 @@ impl Picture {
             marks_m: vec![marks.map(|t| [t.position_m[0], t.position_m[1]]).collect()],
             ..Default::default()
         };
-        let sheet = draw_sheet(image(shown)?.view(), skin, &settings)?;
+        let sheet = draw_sheet(image(images)?.view(), skin, &settings)?;
         OutFile::new(&self.path)?.write(|out| Ok(sheet.write_png(out)?))?;
         self.last = Some(Instant::now());
         Ok(())
@@ -122,12 +124,17 @@ impl Terminal {
         if self.arrivals.len() > RANGE_FRAMES {
             self.arrivals.pop_front();
         }
-        let range = self.range.of(shown);
+        let range = shown.images.map(|images| self.range.of(images, shown.finder.level_s()));
         if !self.is_on || self.last.is_some_and(|last| last.elapsed() < TERMINAL_EVERY) {
             return Ok(());
         }
         self.last = Some(Instant::now());
-        let mut text = blocks(image(shown)?.view().index_axis(ndarray::Axis(0), 0), range);
+        let mut text = match (shown.images, range) {
+            (Some(made), Some(range)) => {
+                blocks(image(made)?.index_axis(ndarray::Axis(0), 0), range)
+            }
+            _ => String::new(),
+        };
         let rate = match (self.arrivals.front(), self.arrivals.back()) {
             (Some(first), Some(last)) if last > first => {
                 (self.arrivals.len() - 1) as f64 / (*last - *first).as_secs_f64()

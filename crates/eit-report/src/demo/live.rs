@@ -198,10 +198,10 @@ impl LiveObserver for Demo<'_, '_> {
         if !shown.touches.is_empty() {
             self.writer.touches(&record_of(shown))?;
         }
-        let raster = &shown.finder.raster;
-        let made = raster.image_from_pixels(shown.images.pixels())?;
-        let raw = match shown.images.raw() {
-            Some(raw) => raster.image_from_pixels(raw)?,
+        let Some(images) = shown.images else { return Ok(()) };
+        let made = images.raster().image_from_pixels(images.pixels())?;
+        let raw = match images.raw() {
+            Some(raw) => images.raster().image_from_pixels(raw)?,
             None => made.clone(),
         };
         let alive = shown.touches.iter().filter(|touch| touch.state != TouchState::End);

@@ -1,6 +1,7 @@
-//! Images frame by frame: total variation over a window, then the net.
+//! Images frame by frame: one step or total variation over a window, then the net.
 
 use super::LiveModel;
+use super::one_step::LiveOneStep;
 use crate::denoise::LiveNet;
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
@@ -21,16 +22,23 @@ pub struct LiveImages {
     side: Option<NuisanceParameters>,
     /// Electrodes move: only frames that are good in every used measurement have an image.
     is_whole: bool,
-    window: Option<StTvStream>,
+    maker: Maker,
     net: Option<LiveNet>,
     raster: Raster,
-    /// DifferenceFrames of the frame at hand; NaN where a value is not used.
+    /// Differences of the frame at hand; NaN where a value is not used.
     differences: Vec<f64>,
     good: Vec<bool>,
     used: Vec<bool>,
     raw: Vec<f64>,
     made: Vec<f64>,
     state: ImageState,
+}
+
+/// What makes an image of differences.
+#[derive(Debug)]
+enum Maker {
+    OneStep(Box<LiveOneStep>),
+    Window(Box<StTvStream>),
 }
 
 /// How the image at hand came about.
@@ -63,17 +71,20 @@ impl LiveImages {
             false => None,
         };
         let left = freed.as_ref().map_or(fitted, |freed| &freed.fitted);
-        let window = match method.is_tv() {
-            false => None,
-            true => Some(left.tv_stream(method, &mut silent)?),
-        };
         let movement_m = skin.skin.settings.reconstruction.electrode_movement_m;
-        let mut words = match (method, &window) {
-            (Method::StTv, Some(tv)) => {
-                format!("st-tv over the last {} frames, {}", WINDOW, tv.words())
+        let (maker, mut words) = match method.is_tv() {
+            false => {
+                let words = "one-step Gauss-Newton, noise figure 1".to_owned();
+                (Maker::OneStep(Box::new(LiveOneStep::new(fitted, &mut silent)?)), words)
             }
-            (_, Some(tv)) => format!("total variation of each frame, {}", tv.words()),
-            (_, None) => "one-step Gauss-Newton, noise figure 1".to_owned(),
+            true => {
+                let tv = left.tv_stream(method, &mut silent)?;
+                let words = match method {
+                    Method::StTv => format!("st-tv over the last {WINDOW} frames, {}", tv.words()),
+                    _ => format!("total variation of each frame, {}", tv.words()),
+                };
+                (Maker::Window(Box::new(tv.stream)), words)
+            }
         };
         if let Some(movement_m) = movement_m {
             words += &format!(", {}", movement::words(movement_m));
@@ -90,7 +101,7 @@ impl LiveImages {
             words,
             side: freed.map(|freed| freed.side),
             is_whole: movement_m.is_some(),
-            window: window.map(|tv| tv.stream),
+            maker,
             net,
             raster,
             differences: vec![0.0; used.len()],
@@ -102,48 +113,57 @@ impl LiveImages {
         })
     }
 
-    /// Takes a frame; `one_step` is its image by the detector of touches.
+    /// Takes a frame `[measurement]`, volts, and what is subtracted from it; `is_good` says what of it
+    /// counts.
+    ///
+    /// # Errors
+    ///
+    /// A frame of another length; those of the method and the net.
     pub fn push(
         &mut self,
         values: &[f64],
         reference: &[f64],
         is_good: impl Fn(usize) -> bool,
-        one_step: &[f64],
     ) -> Result<(), SkinError> {
-        for (i, difference) in self.differences.iter_mut().enumerate() {
-            self.good[i] = is_good(i);
-            *difference = match self.good[i] {
-                true => self.kind.difference(values[i], reference[i]),
-                false => f64::NAN,
-            };
+        let measurements = self.used.len();
+        if let Some(wrong) = [values, reference].iter().find(|v| v.len() != measurements) {
+            let flags = measurements;
+            return Err(SkinError::FrameLength { values: wrong.len(), flags, measurements });
+        }
+        for (i, good) in self.good.iter_mut().enumerate() {
+            *good = self.used[i] && is_good(i);
         }
         self.state = ImageState::default();
         let mut of_used = self.used.iter().zip(&self.good);
         self.state.is_lost = self.is_whole && of_used.any(|(used, good)| *used && !*good);
-        if let Some(side) = &self.side {
-            side.whiten(&mut self.differences)?;
+        if self.net.is_some() || matches!(self.maker, Maker::Window(_)) {
+            self.subtract(values, reference)?;
         }
-        match &mut self.window {
-            Some(window) if self.state.is_lost => {
-                if let Some(image) = window.push_dropped().image {
-                    self.raw.copy_from_slice(image);
-                }
+        let Self { used, good, .. } = self;
+        match &mut self.maker {
+            Maker::OneStep(one_step) => {
+                let is_missing = |i: usize| used[i] && !good[i];
+                one_step.push(values, reference, is_missing, &mut self.raw)?;
             }
-            None => self.raw.copy_from_slice(one_step),
-            Some(window) => {
-                let step = match window.push(&self.differences, Some(&self.good)) {
-                    Err(InverseError::DeltaTooSmall { .. }) => {
-                        self.state.is_interpolated = true;
-                        window.push_dropped()
-                    }
-                    step => step?,
+            Maker::Window(window) => {
+                let step = match self.state.is_lost {
+                    true => window.push_dropped(),
+                    false => match window.push(&self.differences, Some(&self.good)) {
+                        Err(InverseError::DeltaTooSmall { .. }) => {
+                            self.state.is_interpolated = true;
+                            window.push_dropped()
+                        }
+                        step => step?,
+                    },
                 };
                 // a window of one frame that was dropped holds the image before
                 if let Some(image) = step.image {
                     self.raw.copy_from_slice(image);
                 }
-                self.state.iterations = step.iterations;
-                self.state.gap = (!step.quiet).then(|| step.certificate.relative_gap());
+                if !self.state.is_lost {
+                    self.state.iterations = step.iterations;
+                    self.state.gap = (!step.quiet).then(|| step.certificate.relative_gap());
+                }
             }
         }
         if let Some(net) = &mut self.net {
@@ -151,6 +171,25 @@ impl LiveImages {
             self.state.is_aside = !is_made;
         }
         Ok(())
+    }
+
+    /// Differences of the frame at hand, without what electrodes that move explain.
+    fn subtract(&mut self, values: &[f64], reference: &[f64]) -> Result<(), SkinError> {
+        for (i, difference) in self.differences.iter_mut().enumerate() {
+            *difference = match self.good[i] {
+                true => self.kind.difference(values[i], reference[i]),
+                false => f64::NAN,
+            };
+        }
+        match &self.side {
+            Some(side) => Ok(side.whiten(&mut self.differences)?),
+            None => Ok(()),
+        }
+    }
+
+    /// Pixels of its images.
+    pub fn raster(&self) -> &Raster {
+        &self.raster
     }
 
     /// How its images are made, for small print.

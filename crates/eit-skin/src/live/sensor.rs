@@ -17,7 +17,7 @@ const WAIT: Duration = Duration::from_millis(50);
 /// The touches of one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TouchFrame<'a> {
-    /// Frames before it since the start that had touches or none, but an image.
+    /// Frames before it since the start that were shown.
     pub number: u64,
     /// Number of the frame as the instrument counts; holes are frames that were lost.
     pub sequence: u64,
@@ -34,7 +34,8 @@ pub struct TouchFrame<'a> {
 /// A skin that feels: gives the touches of every frame of a source, one after the other.
 ///
 /// The first frames, [`Sensor::reference_frames`], are taken as those of the untouched skin, again
-/// after the instrument was lost and found.
+/// after the instrument was lost and found. Images are made for who asks ([`Sensor::with_images`]):
+/// touches do without.
 #[derive(Debug)]
 pub struct Sensor {
     stream: LiveStream,
@@ -111,7 +112,7 @@ impl Skin {
     pub fn sensor(&self) -> Result<Sensor, SkinError> {
         let model = Arc::new(LiveModel::new(self, REFERENCE_FRAMES, &mut Progress::silent())?);
         let rate_hz = self.settings.recording.frame_rate_hz;
-        let stream = LiveStream::of_unit(model, Unit::Volt, rate_hz);
+        let stream = LiveStream::of_unit(model, Unit::Volt, rate_hz).without_images();
         let reference_frames = REFERENCE_FRAMES;
         Ok(Sensor { stream, source: Source::Pushed, reference_frames, last: None, taken: None })
     }
@@ -127,19 +128,26 @@ impl Skin {
         is_live: bool,
     ) -> Result<Sensor, SkinError> {
         let model = Arc::new(LiveModel::new(self, REFERENCE_FRAMES, &mut Progress::silent())?);
-        let stream = LiveStream::new(model, frames.setup());
+        let stream = LiveStream::new(model, frames.setup()).without_images();
         let source = Source::Stream { frames, is_live };
         Ok(Sensor { stream, source, reference_frames: REFERENCE_FRAMES, last: None, taken: None })
     }
 }
 
 impl Sensor {
-    /// Waits for the next frame that has an image and gives its touches; `None` when the source is
+    /// Makes an image of each frame, too ([`Sensor::shown`]); to be asked for before the first frame, else
+    /// they begin with the next reference.
+    pub fn with_images(mut self) -> Self {
+        self.stream.make_images();
+        self
+    }
+
+    /// Waits for the next frame after the reference and gives its touches; `None` when the source is
     /// over, and always for a sensor whose frames are pushed.
     ///
     /// # Errors
     ///
-    /// An instrument that was lost for good, or images that cannot be made.
+    /// An instrument that was lost for good, or a reference without noise.
     #[allow(clippy::should_implement_trait, reason = "the touches are borrowed from the sensor")]
     pub fn next(&mut self) -> Result<Option<TouchFrame<'_>>, SkinError> {
         loop {
@@ -168,7 +176,7 @@ impl Sensor {
     ///
     /// # Errors
     ///
-    /// A frame of another length, or images that cannot be made.
+    /// A frame of another length, or a reference without noise.
     pub fn push(&mut self, frame: &Frame) -> Result<Option<TouchFrame<'_>>, SkinError> {
         self.last = Some(frame.clone());
         match self.take(false)? {
@@ -203,7 +211,7 @@ impl Sensor {
         }
     }
 
-    /// The current frame as the stream shows it: image, finder, state.
+    /// The current frame as the stream shows it: touches, finder, and the image where they are made.
     pub fn shown(&self) -> Option<LiveFrame<'_>> {
         self.stream.shown(self.last.as_ref()?)
     }
@@ -242,12 +250,12 @@ impl Sensor {
         }
     }
 
-    /// Whether the last frame has an image.
+    /// Whether the last frame was shown.
     fn take(&mut self, is_live: bool) -> Result<bool, SkinError> {
         let Some(frame) = &self.last else { return Ok(false) };
-        let has_image = matches!(self.stream.push(frame, is_live)?, Pushed::Image(_));
-        self.taken = has_image.then(Instant::now);
-        Ok(has_image)
+        let is_shown = matches!(self.stream.push(frame, is_live)?, Pushed::Shown(_));
+        self.taken = is_shown.then(Instant::now);
+        Ok(is_shown)
     }
 }
 

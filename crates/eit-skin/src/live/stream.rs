@@ -19,11 +19,12 @@ pub struct LiveStream {
     model: Arc<LiveModel>,
     unit: Unit,
     frame_rate_hz: Option<f64>,
+    with_images: bool,
     /// What values are multiplied by.
     factor: f64,
     reference: Vec<Frame>,
     epoch: Option<Epoch>,
-    /// Frames since the start that gave an image.
+    /// Frames since the start that gave touches, or none.
     frames: u64,
     values: Vec<f64>,
     touches: Vec<Touch>,
@@ -35,7 +36,7 @@ pub struct LiveStream {
 #[derive(Debug)]
 struct Epoch {
     finder: TouchFinder,
-    images: LiveImages,
+    images: Option<LiveImages>,
     clock: Clock,
 }
 
@@ -47,14 +48,14 @@ pub enum Pushed<'a> {
         /// Frames that are still wanted for it.
         left: usize,
     },
-    /// It has an image and touches.
-    Image(LiveFrame<'a>),
+    /// It has touches, or none, and an image where they are made.
+    Shown(LiveFrame<'a>),
 }
 
 /// What one frame showed.
 #[derive(Debug, Clone, Copy)]
 pub struct LiveFrame<'a> {
-    /// Frames before it since the start that gave an image.
+    /// Frames before it since the start that were shown.
     pub number: u64,
     /// The frame.
     pub frame: &'a Frame,
@@ -64,11 +65,11 @@ pub struct LiveFrame<'a> {
     pub faults: &'a [ElectrodeFault],
     /// Its time for the tracker, seconds.
     pub time_s: f64,
-    /// Finder of the epoch: raster and level of a touch.
+    /// Finder of the epoch: how the frame was explained, level of a touch.
     pub finder: &'a TouchFinder,
-    /// The image.
-    pub images: &'a LiveImages,
-    /// From the last byte of the frame to its image and touches, for a live one.
+    /// The image, where they are made.
+    pub images: Option<&'a LiveImages>,
+    /// From the last byte of the frame to all of this, for a live one.
     pub latency_s: Option<f64>,
 }
 
@@ -85,6 +86,7 @@ impl LiveStream {
             model,
             unit,
             frame_rate_hz,
+            with_images: true,
             reference: Vec::new(),
             epoch: None,
             frames: 0,
@@ -93,6 +95,17 @@ impl LiveStream {
             time_s: 0.0,
             latency_s: None,
         }
+    }
+
+    /// Touches alone: no image is set up or made, which touches do not need.
+    pub fn without_images(mut self) -> Self {
+        self.with_images = false;
+        self
+    }
+
+    /// Images from the next epoch on.
+    pub(super) fn make_images(&mut self) {
+        self.with_images = true;
     }
 
     /// Begins a new epoch: the next frames are its reference.
@@ -136,25 +149,20 @@ impl LiveStream {
         };
         let time_s = clock.next_s(frame);
         let is_good = |i: usize| frame.quality[i].is_good();
-        finder.image(&self.values, is_good, time_s)?;
-        let used = finder.used();
-        images.push(
-            &self.values,
-            finder.reference(),
-            |i| used[i] && !finder.is_missing(i),
-            finder.pixels(),
-        )?;
         self.touches.clear();
-        self.touches.extend_from_slice(finder.find(time_s)?);
+        self.touches.extend_from_slice(finder.push(&self.values, is_good, time_s)?);
+        if let Some(images) = images {
+            images.push(&self.values, finder.reference(), |i| !finder.is_missing(i))?;
+        }
         self.time_s = time_s;
         self.latency_s = frame.host_time_s.filter(|_| is_live).map(|came| now_s() - came);
         self.frames += 1;
         let left = self.model.reference_frames;
-        Ok(self.shown(frame).map_or(Pushed::Waiting { left }, Pushed::Image))
+        Ok(self.shown(frame).map_or(Pushed::Waiting { left }, Pushed::Shown))
     }
 
-    /// What the last frame that was pushed showed; `frame` is that frame. `None` before the first
-    /// image.
+    /// What the last frame that was pushed showed; `frame` is that frame. `None` while the reference is
+    /// taken.
     pub fn shown<'a>(&'a self, frame: &'a Frame) -> Option<LiveFrame<'a>> {
         let Epoch { finder, images, .. } = self.epoch.as_ref()?;
         Some(LiveFrame {
@@ -164,14 +172,14 @@ impl LiveStream {
             faults: finder.faults(),
             time_s: self.time_s,
             finder,
-            images,
+            images: images.as_ref(),
             latency_s: self.latency_s,
         })
     }
 
-    /// How images are made, for small print; empty before the reference is there.
+    /// How images are made, for small print; empty where there are none, or none yet.
     pub fn image_words(&self) -> &str {
-        self.epoch.as_ref().map_or("", |epoch| epoch.images.words())
+        self.epoch.as_ref().and_then(|epoch| epoch.images.as_ref()).map_or("", LiveImages::words)
     }
 
     /// An epoch whose first frames are these.
@@ -187,7 +195,10 @@ impl LiveStream {
                      additive_v",
             )
         })?;
-        let images = LiveImages::new(&self.model, &fitted)?;
+        let images = match self.with_images {
+            true => Some(LiveImages::new(&self.model, &fitted)?),
+            false => None,
+        };
         Ok(Epoch { finder, images, clock })
     }
 }

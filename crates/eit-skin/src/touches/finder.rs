@@ -4,20 +4,14 @@ use super::model::{VoltageNoise, unknowns};
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultMonitor};
 use crate::fitted::FittedFrames;
-use crate::movement::{self, TakenOut, Whitening};
-use crate::one_step::DEFAULT_NOISE_FIGURE;
 use crate::progress::Progress;
 use crate::scene::{TouchSettings, TouchSign};
+use eit_inverse::InverseError;
 use eit_inverse::metrics::ChangeSign;
 use eit_inverse::touch::{
     DetectorModel, DetectorSettings, DetectorStep, Touch, TouchDetector, TouchTracker,
     TrackerSettings,
 };
-use eit_inverse::{
-    HyperparameterChoice, InverseError, NoiseTarget, OneStepGaussNewton, OneStepSettings,
-    Reconstructor, Workspace,
-};
-use eit_mesh::Raster;
 use ndarray::Array2;
 
 /// Least strength of a touch as an area of doubled conductivity, square metres: a finger of 0.2 N on
@@ -32,22 +26,14 @@ const STANDS_STILL_S: f64 = 1e9;
 /// Finds touches frame by frame.
 #[derive(Debug)]
 pub struct TouchFinder {
-    /// Pixels of the images.
-    pub raster: Raster,
     /// Where the noise came from.
     pub noise_source: String,
     used: Vec<bool>,
-    reconstructor: Reconstructor,
-    workspace: Workspace,
-    whitening: Option<Whitening>,
     detector: TouchDetector,
     tracker: TouchTracker,
     monitor: FaultMonitor,
-    /// The frame at hand, and the reference of its image.
-    values: Vec<f64>,
+    /// What is subtracted from the frame at hand.
     reference: Vec<f64>,
-    pixels: Vec<f64>,
-    bad: Vec<usize>,
     period_s: f64,
     before_s: Option<f64>,
     level_s: f64,
@@ -67,8 +53,6 @@ impl TouchFinder {
     ) -> Result<Option<Self>, SkinError> {
         let FittedFrames { skin, frames, .. } = fitted;
         let Some(noise) = VoltageNoise::of(fitted)? else { return Ok(None) };
-        let raster = skin.raster(progress)?.clone();
-        let Imaging { difference, whitening } = Imaging::new(fitted, progress)?;
         let keys = &skin.skin.settings.touch;
         let protocol = &skin.skin.protocol;
         let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v)
@@ -96,88 +80,54 @@ impl TouchFinder {
         let level_s = settings.least_s_m2 / (std::f64::consts::PI * settings.radius_m.powi(2));
         let detector =
             progress.stage("detector of touches", || TouchDetector::new(&model, settings))?;
-        let reconstructor = difference.on_raster(raster.pixel_from_element())?;
         Ok(Some(Self {
             noise_source: noise.source,
             used: frames.used.clone(),
-            workspace: reconstructor.workspace(),
-            whitening,
             tracker: TouchTracker::new(tracker_settings(keys, conductivity_s))?,
             detector,
             monitor,
-            values: vec![0.0; frames.used.len()],
             reference: frames.reference.clone(),
-            pixels: vec![0.0; raster.masked_pixels().len()],
-            bad: Vec::new(),
             period_s: rate_hz.recip(),
             before_s: None,
             level_s,
             step: None,
-            reconstructor,
-            raster,
         }))
     }
 
-    /// Takes a frame: faulty electrodes, the reference and its one-step image.
-    /// [`find`](Self::find) is next.
+    /// Takes a frame `[measurement]`, volts, and gives its touches: faulty electrodes are left out, the
+    /// rest is held against the reference, which follows what touches do not explain.
     ///
     /// # Errors
     ///
-    /// An image that cannot be made.
-    pub fn image(
+    /// A frame of another length; a time that does not follow the one before. Nothing has changed then.
+    pub fn push(
         &mut self,
         values: &[f64],
         is_good: impl Fn(usize) -> bool,
         time_s: f64,
-    ) -> Result<(), SkinError> {
-        self.values.copy_from_slice(values);
-        self.reference.copy_from_slice(self.detector.reference_v());
-        self.monitor.push(values, &self.reference, is_good, time_s);
-        for &i in self.monitor.healed() {
-            // where the reference of what comes back is, nobody knows
-            self.detector.set_reference(i, values[i] - self.detector.touch_of(i));
+    ) -> Result<&[Touch], SkinError> {
+        let measurements = self.used.len();
+        if values.len() != measurements {
+            let flags = measurements;
+            return Err(SkinError::FrameLength { values: values.len(), flags, measurements });
         }
-        self.reference.copy_from_slice(self.detector.reference_v());
-        let Self { bad, used, monitor, .. } = self;
-        bad.clear();
-        bad.extend((0..used.len()).filter(|&i| used[i] && monitor.is_missing(i)));
-        let (memory, reference, pixels) = (&mut self.workspace, &self.reference, &mut self.pixels);
-        match &mut self.whitening {
-            None => match self
-                .reconstructor
-                .reconstruct_masked_into(values, reference, bad, memory, pixels)
-            {
-                // too little is left for an image; touches go on
-                Err(InverseError::MaskedDominates { .. } | InverseError::NothingUsed { .. }) => {
-                    pixels.fill(0.0)
-                }
-                made => {
-                    made?;
-                }
-            },
-            Some(whitening) if bad.is_empty() => {
-                let white = whitening.of(values, reference)?;
-                self.reconstructor.reconstruct_difference_into(white, memory, pixels)?;
-            }
-            // measurements are mixed: a frame without some of them shows nothing
-            Some(_) => pixels.fill(0.0),
-        }
-        Ok(())
-    }
-
-    /// The touches of the frame at hand.
-    ///
-    /// # Errors
-    ///
-    /// A time that does not follow the one before.
-    pub fn find(&mut self, time_s: f64) -> Result<&[Touch], SkinError> {
         let dt_s = self.before_s.map_or(self.period_s, |before_s| time_s - before_s);
-        let monitor = &self.monitor;
-        let step = self.detector.push(&self.values, |i| monitor.is_missing(i), dt_s)?;
-        self.before_s = Some(time_s);
-        self.monitor.blame(step.blamed, time_s);
-        self.step = Some(step);
-        Ok(self.tracker.push(self.detector.touches(), time_s, self.bad.is_empty())?)
+        if !(dt_s > 0.0 && dt_s.is_finite()) {
+            let (quantity, must) = ("time since the last frame", "finite and above zero");
+            return Err(InverseError::OutOfRange { quantity, value: dt_s, must }.into());
+        }
+        let Self { used, monitor, detector, reference, .. } = self;
+        monitor.push(values, detector.reference_v(), is_good, time_s);
+        for &i in monitor.healed() {
+            // where the reference of what comes back is, nobody knows
+            detector.set_reference(i, values[i] - detector.touch_of(i));
+        }
+        reference.copy_from_slice(detector.reference_v());
+        let is_whole = (0..measurements).all(|i| !used[i] || !monitor.is_missing(i));
+        let step = detector.push(values, |i| monitor.is_missing(i), dt_s)?;
+        monitor.blame(step.blamed, time_s);
+        (self.before_s, self.step) = (Some(time_s), Some(step));
+        Ok(self.tracker.push(self.detector.touches(), time_s, is_whole)?)
     }
 
     /// Electrodes that are left out of the frame at hand.
@@ -208,11 +158,6 @@ impl TouchFinder {
     /// Measurements that count.
     pub fn used(&self) -> &[bool] {
         &self.used
-    }
-
-    /// The one-step image of the last frame, a value for each pixel of the skin.
-    pub fn pixels(&self) -> &[f64] {
-        &self.pixels
     }
 }
 
@@ -259,42 +204,5 @@ fn tracker_settings(keys: &TouchSettings, conductivity_s: f64) -> TrackerSetting
         birth_frames: keys.birth_frames.unwrap_or(default.birth_frames),
         forgiven_frames: keys.forgiven_frames.unwrap_or(default.forgiven_frames),
         ..default
-    }
-}
-
-/// One-step reconstruction weighted by the noise, at noise figure 1: an image as noisy as its data.
-/// Where electrodes move, that is taken out first, and the prior stays.
-struct Imaging {
-    difference: OneStepGaussNewton,
-    /// Takes the movement of electrodes out of differences.
-    whitening: Option<Whitening>,
-}
-
-impl Imaging {
-    fn new(fitted: &FittedFrames, progress: &mut Progress) -> Result<Self, SkinError> {
-        let FittedFrames { skin, frames, .. } = fitted;
-        let Some(noise) = fitted.noise()? else {
-            return Err(SkinError::input("the noise of the frames is unknown: set [noise]"));
-        };
-        let mut settings = fitted.one_step_settings()?;
-        settings.noise_std = Some(noise.std.clone());
-        let prior = skin.prior()?;
-        progress.stage("one-step images", || {
-            let mut difference = OneStepGaussNewton::new(&skin.jacobian, prior.as_ref(), settings)?;
-            let target = NoiseTarget::central(skin.skin.mesh.surface(), &skin.jacobian)?;
-            let figure = DEFAULT_NOISE_FIGURE;
-            let choice = HyperparameterChoice::NoiseFigure { figure, target: &target };
-            difference.choose_hyperparameter(&choice)?;
-            let taken = movement::take_out(skin, &noise, &frames.used, Some(&difference))?;
-            let Some(TakenOut { side, linearised, .. }) = taken else {
-                return Ok(Self { difference, whitening: None });
-            };
-            let used = Some(frames.used.clone());
-            let settings = OneStepSettings { used, ..Default::default() };
-            let mut left = OneStepGaussNewton::new(&linearised.jacobian, prior.as_ref(), settings)?;
-            left.set_prior_of(&difference)?;
-            let whitening = Whitening::new(side, skin.difference_kind(), &frames.used);
-            Ok::<_, SkinError>(Self { difference: left, whitening: Some(whitening) })
-        })
     }
 }
