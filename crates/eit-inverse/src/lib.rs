@@ -15,6 +15,7 @@ pub mod sequence;
 #[cfg(feature = "st-tv")]
 mod st_tv;
 pub mod touch;
+mod unevenness;
 
 pub use calibration::{Calibration, CalibrationSettings, CalibrationStatus, Contacts};
 pub use data::{DifferenceData, DifferenceKind, FrameStatus};
@@ -35,3 +36,4 @@ pub use st_tv::{
     StreamStep, WeightPoint, WeightStatus,
 };
 pub use touch::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};
+pub use unevenness::{ReferenceModel, UnevenSheet, Unevenness};

@@ -1,9 +1,12 @@
 //! Touches of a recording: found in its frames, held against everything that is not a touch, and
 //! followed over time, against a reference that follows drift.
 
+mod background;
+mod choices;
 mod finder;
 mod model;
 
+pub use choices::{Choices, FoundSheet};
 pub use finder::TouchFinder;
 
 use crate::error::SkinError;
@@ -37,8 +40,8 @@ pub struct Touches {
     pub frames: usize,
     /// Frames a second that were counted with.
     pub rate_hz: f64,
-    /// Where the noise came from.
-    pub noise_source: String,
+    /// What the finder chose, and why.
+    pub choices: Choices,
     /// Faults of electrodes, in the order in which they were found.
     pub faults: Vec<ElectrodeFault>,
     /// Values that were left out, [frame, measurement]: bad ones, and those of faulty electrodes.
@@ -108,7 +111,7 @@ pub fn touches(
             rows: Vec::new(),
             frames: count,
             rate_hz,
-            noise_source: finder.noise_source.clone(),
+            choices: finder.choices.clone(),
             faults: Vec::new(),
             is_missing: Array2::from_elem(frames.values.dim(), false),
         };

@@ -56,7 +56,7 @@ pub(super) fn touches_json(touches: Option<&Touches>) -> Value {
             "most_at_once": touches.most(),
             "rows": touches.rows.len(),
             "frame_rate_hz": touches.rate_hz,
-            "noise": touches.noise_source,
+            "choices": touches.choices.json(),
             "faulty_electrodes": touches.faults.iter().map(ElectrodeFault::json).collect::<Vec<_>>(),
         })
     })
@@ -74,6 +74,9 @@ pub(super) fn line(touches: Option<&Touches>) -> String {
         touches.frames_with_touch(),
         touches.frames
     );
+    for line in touches.choices.lines() {
+        text += &format!("\n{line}");
+    }
     for fault in &touches.faults {
         text += &format!("\n{}", fault.words());
     }

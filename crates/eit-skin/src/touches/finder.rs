@@ -1,6 +1,8 @@
 //! Touches frame by frame, recorded or live.
 
-use super::model::{VoltageNoise, unknowns};
+use super::background;
+use super::choices::{Choices, FoundSheet};
+use super::model::{Spread, VoltageNoise, unknowns};
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultMonitor};
 use crate::fitted::FittedFrames;
@@ -26,8 +28,8 @@ const STANDS_STILL_S: f64 = 1e9;
 /// Finds touches frame by frame.
 #[derive(Debug)]
 pub struct TouchFinder {
-    /// Where the noise came from.
-    pub noise_source: String,
+    /// What it chose, and why.
+    pub choices: Choices,
     used: Vec<bool>,
     detector: TouchDetector,
     tracker: TouchTracker,
@@ -57,7 +59,14 @@ impl TouchFinder {
         let protocol = &skin.skin.protocol;
         let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v)
             .with_lasting(&frames.faults);
-        let unknowns = unknowns(skin, &mut Progress::silent())?;
+        let sheet = progress.stage("background", || background::of_reference(fitted, &noise))?;
+        let even_s = skin.skin.background_s();
+        let (background_s, jacobian, voltages) = match &sheet {
+            Some(sheet) => (&sheet.conductivity_s, &sheet.jacobian, &sheet.voltages),
+            None => (&even_s, &skin.jacobian, &skin.voltages),
+        };
+        let unknowns =
+            unknowns(skin, background_s, &Spread::in_use(skin), &mut Progress::silent())?;
         let std_v: Vec<f64> = noise.std_v.iter().map(|e| e * noise.with_reference).collect();
         let quiet = match &frames.quiet {
             Some(quiet) => quiet.values.clone(),
@@ -65,8 +74,8 @@ impl TouchFinder {
         };
         let model = DetectorModel {
             surface: skin.skin.mesh.surface(),
-            jacobian: &skin.jacobian,
-            model_v: &skin.voltages.to_vec(),
+            jacobian,
+            model_v: &voltages.to_vec(),
             unknowns: &unknowns,
             reference_v: &frames.reference,
             noise_std_v: &std_v,
@@ -80,8 +89,21 @@ impl TouchFinder {
         let level_s = settings.least_s_m2 / (std::f64::consts::PI * settings.radius_m.powi(2));
         let detector =
             progress.stage("detector of touches", || TouchDetector::new(&model, settings))?;
+        let (places, seen) = detector.places();
         Ok(Some(Self {
-            noise_source: noise.source,
+            choices: Choices {
+                noise: noise.source,
+                sheet: sheet.map(|sheet| FoundSheet {
+                    amplitude: sheet.found.amplitude,
+                    left_even: sheet.left[0],
+                    left: sheet.left[1],
+                }),
+                rows: detector.rows(),
+                places: seen,
+                blind: places - seen,
+                radius_m: detector.settings().radius_m,
+                least_s_m2: detector.settings().least_s_m2,
+            },
             used: frames.used.clone(),
             tracker: TouchTracker::new(tracker_settings(keys, conductivity_s))?,
             detector,

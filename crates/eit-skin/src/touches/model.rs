@@ -10,12 +10,25 @@ use eit_fem::ElementOrder;
 use eit_inverse::{noise_std_of_quiet_frames, smallest_step};
 use ndarray::{Array2, Axis, concatenate};
 
-/// How far electrodes go with the fabric where the scene does not say, standard deviation, metres.
-const MOVEMENT_M: f64 = 2e-4;
-/// Standard deviation of the logarithm of a contact impedance.
-const CONTACT: f64 = 0.05;
-/// Standard deviation of the logarithm of the conductivity of the whole sheet.
-const SHEET: f64 = 1e-3;
+/// How far what is no touch goes, standard deviations.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spread {
+    /// Of electrodes, metres.
+    pub movement_m: f64,
+    /// Of the logarithm of a contact impedance.
+    pub contact: f64,
+    /// Of the logarithm of the conductivity of the whole sheet.
+    pub sheet: f64,
+}
+
+impl Spread {
+    /// While the skin is in use; electrodes that go with the fabric do so by 0.2 mm where the scene does
+    /// not say.
+    pub fn in_use(skin: &LinearisedSkin) -> Self {
+        let movement_m = skin.skin.settings.reconstruction.electrode_movement_m.unwrap_or(2e-4);
+        Self { movement_m, contact: 0.05, sheet: 1e-3 }
+    }
+}
 
 /// Noise of voltages, volts.
 #[derive(Debug, Clone)]
@@ -57,34 +70,33 @@ impl VoltageNoise {
     }
 }
 
-/// What else changes the voltages, for one standard deviation each: movement of electrodes, their
-/// contacts, the sheet as a whole; `[measurement, unknown]`, volts.
+/// What else changes the voltages of a sheet, for one standard deviation each: movement of electrodes,
+/// the sheet as a whole, contacts; `[measurement, unknown]`, volts.
 pub(super) fn unknowns(
     skin: &LinearisedSkin,
+    background_s: &[f64],
+    spread: &Spread,
     progress: &mut Progress,
 ) -> Result<Array2<f64>, SkinError> {
-    let sheet = (&skin.voltages * SHEET).insert_axis(Axis(1));
-    let is_linear = skin.skin.model.element_order() == ElementOrder::Linear;
-    if !is_linear {
+    let mut workspace = skin.skin.model.workspace()?;
+    let mut solution = skin.skin.solve(background_s, &mut workspace)?;
+    let sheet = (solution.measurements() * spread.sheet).insert_axis(Axis(1));
+    if skin.skin.model.element_order() != ElementOrder::Linear {
         return Ok(sheet);
     }
-    let background = skin.skin.background_s();
-    let movement_m = skin.skin.settings.reconstruction.electrode_movement_m.unwrap_or(MOVEMENT_M);
-    let movement = match &skin.movement {
-        Some(movement) => movement.clone(),
-        None => displacement::jacobian(&background, &skin.skin, progress)?,
-    };
-    let mut parts = vec![movement * movement_m, sheet];
     let impedances = &skin.skin.contact_impedance;
+    let mut parts = vec![sheet];
     // shunts and ideal sources have no derivative
     if impedances.iter().all(|z| *z > 0.0 && z.is_finite()) {
-        let mut workspace = skin.skin.model.workspace()?;
-        let mut contacts = skin.skin.solve(&background, &mut workspace)?.contact_jacobian()?;
+        let mut contacts = solution.contact_jacobian()?;
         for (mut column, z) in contacts.columns_mut().into_iter().zip(impedances) {
-            column *= CONTACT * z;
+            column *= spread.contact * z;
         }
         parts.push(contacts);
     }
+    drop(solution);
+    parts
+        .insert(0, displacement::jacobian(background_s, &skin.skin, progress)? * spread.movement_m);
     let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
     concatenate(Axis(1), &views).map_err(|e| SkinError::Failure(format!("unknowns: {e}")))
 }

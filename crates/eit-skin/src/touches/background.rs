@@ -1,0 +1,94 @@
+//! The untouched sheet as its reference frame shows it: fabric is uneven, and where current is dense a few
+//! percent change what a touch does.
+
+use super::model::{Spread, VoltageNoise, unknowns};
+use crate::error::SkinError;
+use crate::fitted::FittedFrames;
+use crate::progress::Progress;
+use eit_inverse::{ReferenceModel, UnevenSheet, Unevenness};
+use ndarray::{Array1, Array2, ArrayView1};
+
+/// Correlation length of the unevenness, part of the skin's longer side.
+const LENGTH: f64 = 0.1;
+/// Error of a voltage that no sheet explains: gains of channels and the mesh, part of the voltage, ...
+const ERROR: f64 = 2e-3;
+/// ... and of the median voltage.
+const FLOOR: f64 = 1e-4;
+/// Where electrodes may really be, their contacts (logarithm) and the gain, standard deviations.
+const PLACES: Spread = Spread { movement_m: 5e-4, contact: 0.5, sheet: 0.05 };
+/// Logarithm of the evidence from which an uneven sheet is believed.
+const BELIEVED: f64 = 10.0;
+/// Gauss-Newton steps.
+const STEPS: usize = 2;
+
+/// The model about the sheet that explains the reference.
+#[derive(Debug, Clone)]
+pub(super) struct Background {
+    pub conductivity_s: Vec<f64>,
+    pub voltages: Array1<f64>,
+    pub jacobian: Array2<f64>,
+    /// How the sheet was found.
+    pub found: Unevenness,
+    /// Root mean square of what an even sheet and this one leave of the reference, part of its own.
+    pub left: [f64; 2],
+}
+
+/// The sheet that explains the reference; `None` where an even one does as well.
+pub(super) fn of_reference(
+    fitted: &FittedFrames,
+    noise: &VoltageNoise,
+) -> Result<Option<Background>, SkinError> {
+    let FittedFrames { skin, frames, fit, .. } = fitted;
+    let surface = skin.skin.mesh.surface();
+    let [low, high] = surface.bounds_m();
+    let side_m = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+    let sheet = UnevenSheet::new(surface, LENGTH * side_m)?;
+    let reference_v: Vec<f64> = frames.reference.iter().map(|v| v / fit.gain).collect();
+    let mut sizes: Vec<f64> = skin.voltages.iter().map(|v| v.abs()).collect();
+    sizes.sort_unstable_by(f64::total_cmp);
+    let floor_v = FLOOR * sizes[sizes.len() / 2];
+    let error_of = |(v, std): (&f64, &f64)| (ERROR * v).hypot(std / fit.gain).hypot(floor_v);
+    let error_v: Vec<f64> = skin.voltages.iter().zip(&noise.std_v).map(error_of).collect();
+    let even_s = skin.skin.background_s();
+    let unknowns = unknowns(skin, &even_s, &PLACES, &mut Progress::silent())?;
+    let mut best: Option<Background> = None;
+    for _ in 0..STEPS {
+        let (jacobian, conductivity_s, voltages) = match &best {
+            Some(best) => (&best.jacobian, &best.conductivity_s, &best.voltages),
+            None => (&skin.jacobian, &even_s, &skin.voltages),
+        };
+        let model = ReferenceModel {
+            jacobian,
+            conductivity_s,
+            model_v: &voltages.to_vec(),
+            reference_v: &reference_v,
+            error_v: &error_v,
+            unknowns: &unknowns,
+            used: &frames.used,
+        };
+        let found = sheet.fit(&model, best.as_ref().map(|best| &best.found))?;
+        if found.log_evidence < BELIEVED {
+            return Ok(None);
+        }
+        let uneven_s: Vec<f64> =
+            even_s.iter().zip(&found.log_change).map(|(s, change)| s * change.exp()).collect();
+        let mut workspace = skin.skin.model.workspace()?;
+        let mut solution = skin.skin.solve(&uneven_s, &mut workspace)?;
+        let (voltages, jacobian) = (solution.measurements(), solution.jacobian());
+        let left = [&skin.voltages, &voltages]
+            .map(|voltages| left(&reference_v, voltages.view(), &frames.used));
+        best = Some(Background { conductivity_s: uneven_s, voltages, jacobian, found, left });
+    }
+    Ok(best)
+}
+
+/// Root mean square of what voltages leave of a reference, part of its own.
+fn left(reference_v: &[f64], voltages: ArrayView1<'_, f64>, used: &[bool]) -> f64 {
+    let (mut rest, mut whole) = (0.0, 0.0);
+    for ((v, of_model), _) in reference_v.iter().zip(voltages).zip(used).filter(|(_, used)| **used)
+    {
+        rest += (v - of_model).powi(2);
+        whole += v * v;
+    }
+    (rest / whole).sqrt()
+}
