@@ -241,6 +241,14 @@ pub enum InverseError {
         /// Time of the frame before, seconds.
         before_s: f64,
     },
+    /// More touches in one frame than there is room for.
+    #[error("{found} touches in one frame: at most {most} can be followed")]
+    TooManyTouches {
+        /// Touches given.
+        found: usize,
+        /// The most that fit.
+        most: usize,
+    },
     /// A touch that is not on the skin.
     #[error(
         "touch {touch} at {position_m:?} m is {distance_m:e} m from the skin: it must be within \

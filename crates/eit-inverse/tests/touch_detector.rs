@@ -11,9 +11,12 @@
 
 mod common;
 
-use common::detector::{DT_S, ELECTRODES, FINGER, SKIN, distance_m, place, push, touched};
-use eit_inverse::touch::DetectedTouch;
+use common::detector::{
+    DT_S, ELECTRODES, FINGER, MEASUREMENTS, SKIN, TRUTH, distance_m, place, push, touched,
+};
+use eit_inverse::touch::{DetectedTouch, DetectorModel, DetectorSettings, TouchDetector};
 use fixtures::Random;
+use ndarray::{Array1, Array2};
 
 /// `(p - c)' C^-1 (p - c)` in the plane: mean 2, variance 4 where `C` is the covariance of `p`.
 fn normalised_squared(touch: &DetectedTouch, at: [f64; 2]) -> f64 {
@@ -134,5 +137,53 @@ fn a_slow_drift_shows_nothing() {
         let drifted: Vec<f64> = SKIN.model_v.iter().map(|v| gain * v).collect();
         let values = random.noisy(&drifted, SKIN.noise_std_v[0]);
         assert!(push(&mut detector, &values).is_empty(), "frame {frame}: {:?}", detector.touches());
+    }
+}
+
+/// What a wave of the sheet changes, volts: half a percent of its conductivity, 0.28 m long.
+fn wave_v() -> Array1<f64> {
+    let wave = |c: &[f64; 3]| 5e-3 * (20.0 * c[0] + 10.0 * c[1]).sin();
+    let change: Array1<f64> = TRUTH.surface.centroids().iter().map(wave).collect();
+    TRUTH.jacobian.dot(&change)
+}
+
+/// Quiet frames hold a wave of one shape and random amplitude: the same wave in later frames shows
+/// nothing, and a finger on it is found. A detector that has not seen quiet frames shows touches.
+#[test]
+fn what_quiet_frames_do_is_no_touch() {
+    let mut random = Random::new(13);
+    let wave_v = wave_v();
+    let on_wave = |values: &[f64], random: &mut Random| {
+        let amplitude = random.normal();
+        let waved: Vec<f64> =
+            values.iter().zip(&wave_v).map(|(v, wave)| v + amplitude * wave).collect();
+        random.noisy(&waved, SKIN.noise_std_v[0])
+    };
+    let frames = 60;
+    let mut quiet_v = Array2::zeros((frames, MEASUREMENTS));
+    for mut row in quiet_v.rows_mut() {
+        row.assign(&Array1::from(on_wave(&SKIN.model_v, &mut random)));
+    }
+    let settings = DetectorSettings::with_least(LEAST);
+    let all = [true; MEASUREMENTS];
+    let model = DetectorModel { quiet_v: quiet_v.view(), ..SKIN.model(&all) };
+    let mut told = TouchDetector::new(&model, settings).unwrap();
+    let mut untold = SKIN.detector(LEAST);
+    let mut shown = [0; 2];
+    for _ in 0..1000 {
+        let frame = on_wave(&SKIN.model_v, &mut random);
+        for (shown, detector) in shown.iter_mut().zip([&mut told, &mut untold]) {
+            *shown += usize::from(!push(detector, &frame).is_empty());
+        }
+    }
+    println!("touches in {shown:?} of 1000 frames, told and untold");
+    assert_eq!(shown[0], 0);
+    assert!(shown[1] > 200, "{shown:?}");
+    let at = [0.03, -0.05];
+    let finger = touched(&[(at, FINGER)]);
+    for _ in 0..100 {
+        let [touch] = push(&mut told.clone(), &on_wave(&finger, &mut random))[..] else { panic!() };
+        // five standard deviations of the place, which the wave's direction hardly costs
+        assert!(distance_m(&touch, at) < 5e-3, "{touch:?}");
     }
 }

@@ -189,3 +189,32 @@ fn bad_models_are_refused_by_name() {
         assert!(error.to_string().contains("least_s_m2"), "{error}");
     }
 }
+
+/// Of either measurement of a pair, and of unknowns: measurement and element are named. Nobody looks at
+/// what is not used.
+#[test]
+fn derivatives_that_are_no_numbers_are_named() {
+    let settings = || DetectorSettings::with_least(1e-8);
+    let all = [true; MEASUREMENTS];
+    let first = 30;
+    let second = SKIN.reciprocal[first];
+    assert!(first < second);
+    for (row, column, bad) in
+        [(first, 7, f64::NAN), (second, 400, f64::INFINITY), (second, 0, -f64::INFINITY)]
+    {
+        let mut jacobian = SKIN.jacobian.clone();
+        jacobian[[row, column]] = bad;
+        let model = DetectorModel { jacobian: &jacobian, ..SKIN.model(&all) };
+        match TouchDetector::new(&model, settings()).err().unwrap() {
+            InverseError::NonFiniteJacobian { measurement, element, value } => {
+                assert_eq!((measurement, element), (row, column));
+                assert!(value.total_cmp(&bad).is_eq());
+            }
+            error => panic!("{error}"),
+        }
+        let mut used = all;
+        used[row] = false;
+        let model = DetectorModel { jacobian: &jacobian, ..SKIN.model(&used) };
+        assert!(TouchDetector::new(&model, settings()).is_ok());
+    }
+}

@@ -62,10 +62,9 @@ const FINEST: f64 = 6e-5;
 /// not zero: one step of the converter where there is rounding, far below the noise where there is
 /// none; 0 where nothing changes.
 pub fn smallest_step(frames: ArrayView2<'_, f64>) -> f64 {
-    let changes = frames.axis_iter(Axis(1)).flat_map(|channel| {
-        let next = channel.iter().skip(1).copied().collect::<Vec<_>>();
-        channel.iter().copied().zip(next).map(|(a, b)| (b - a).abs()).collect::<Vec<_>>()
-    });
+    let later = frames.rows().into_iter().skip(1);
+    let pairs = frames.rows().into_iter().zip(later).flat_map(|(a, b)| a.into_iter().zip(b));
+    let changes = pairs.map(|(a, b)| (b - a).abs());
     let least = changes.filter(|change| *change > 0.0).fold(f64::INFINITY, f64::min);
     if least.is_finite() { least } else { 0.0 }
 }

@@ -11,6 +11,9 @@ use crate::geometry::distance_m;
 /// Cost of a pair that must not be: above any sum of squared gates.
 const NEVER: f64 = 1e7;
 
+/// Touches of a frame that are always taken: those of a [`TouchDetector`](super::TouchDetector).
+const LEAST_ROOM: usize = 16;
+
 /// Settings of a [`TouchTracker`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackerSettings {
@@ -91,6 +94,8 @@ struct Track {
 #[derive(Debug, Clone)]
 pub struct TouchTracker {
     settings: TrackerSettings,
+    /// Touches of a frame at most; twice as many are followed, new ones among them.
+    most: usize,
     tracks: Vec<Track>,
     assignment: Assignment,
     taken: Vec<bool>,
@@ -108,8 +113,9 @@ impl TouchTracker {
     /// [`InverseError::OutOfRange`].
     pub fn new(settings: TrackerSettings) -> Result<Self, InverseError> {
         settings.validate()?;
-        let most = settings.max_touches.max(16);
+        let most = settings.max_touches.max(LEAST_ROOM);
         Ok(Self {
+            most,
             tracks: Vec::with_capacity(2 * most),
             assignment: Assignment::new(2 * most, 3 * most),
             taken: Vec::with_capacity(most),
@@ -126,7 +132,8 @@ impl TouchTracker {
     /// one that ends is among them once more. `is_whole`: every measurement of the frame counted.
     ///
     /// # Errors
-    /// [`InverseError::TimeOrder`]. The tracker is then as before.
+    /// [`InverseError::TimeOrder`]; [`InverseError::TooManyTouches`] for more than `max_touches` and
+    /// more than 16. The tracker is then as before.
     pub fn push(
         &mut self,
         found: &[DetectedTouch],
@@ -136,6 +143,9 @@ impl TouchTracker {
         let before_s = self.before_s.unwrap_or(f64::NEG_INFINITY);
         if !(time_s.is_finite() && time_s > before_s) {
             return Err(InverseError::TimeOrder { frame: self.frame, time_s, before_s });
+        }
+        if found.len() > self.most {
+            return Err(InverseError::TooManyTouches { found: found.len(), most: self.most });
         }
         let dt = self.before_s.map_or(0.0, |before_s| time_s - before_s);
         self.before_s = Some(time_s);
@@ -198,7 +208,8 @@ impl TouchTracker {
         self.tracks.retain(|track| !track.ended || track.id.is_some());
         let left = found.iter().zip(&self.taken).filter(|(_, taken)| !**taken);
         for (touch, _) in left {
-            if self.tracks.len() == self.tracks.capacity() {
+            // what the assignment has room for
+            if self.tracks.len() == 2 * self.most {
                 break;
             }
             let covariance = measured(touch, &self.settings);

@@ -53,6 +53,7 @@ impl Dictionary {
         whitening: &Whitening,
         settings: &DetectorSettings,
     ) -> Result<Self, InverseError> {
+        check_finite(jacobian, rows)?;
         let n = rows.of.len();
         let radius_m = settings.radius_m.max(1.4 * places.spacing_m);
         let (mut volts, tops) = columns(surface, jacobian, places, rows, radius_m);
@@ -60,10 +61,6 @@ impl Dictionary {
         // derivatives are g^2 times the model's: once in the ratios, once here
         let factor = settings.sign.factor() * rows.gain().abs();
         volts.iter_mut().for_each(|v| *v *= factor);
-        if let Some(at) = volts.iter().position(|v| !v.is_finite()) {
-            let (measurement, element) = (rows.of[at % n][0], 0);
-            return Err(InverseError::NonFiniteJacobian { measurement, element, value: volts[at] });
-        }
         let (mut values, mut slopes) =
             (vec![0.0; places.len() * n], vec![0.0; 2 * places.len() * n]);
         let mut scaled = vec![0.0; n];
@@ -158,6 +155,18 @@ impl Dictionary {
     pub(super) fn top(&self, place: usize) -> f64 {
         self.tops[place]
     }
+}
+
+/// Both measurements of each row; nobody looks at those that are not used.
+fn check_finite(jacobian: &ArrayRef2<f64>, rows: &Rows) -> Result<(), InverseError> {
+    for &measurement in rows.of.iter().flatten() {
+        let row = jacobian.row(measurement);
+        if let Some(element) = row.iter().position(|v| !v.is_finite()) {
+            let value = row[element];
+            return Err(InverseError::NonFiniteJacobian { measurement, element, value });
+        }
+    }
+    Ok(())
 }
 
 /// `[place][value, along 1, along 2][row]` and the tops.

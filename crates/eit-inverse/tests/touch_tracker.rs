@@ -1,0 +1,312 @@
+//! Names, births, ends and velocities of detected touches, with touches that no detector made.
+
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test file: a panic is a failed test"
+)]
+
+use eit_inverse::InverseError;
+use eit_inverse::touch::{DetectedTouch, Touch, TouchState, TouchTracker, TrackerSettings};
+use fixtures::Random;
+
+const DT_S: f64 = 0.05;
+
+/// Strength from which a touch is believed at once, S m^2.
+const STRONG: f64 = 6e-6;
+const WEAK: f64 = 0.5 * STRONG;
+
+fn touch(x_m: f64, y_m: f64, strength_s_m2: f64) -> DetectedTouch {
+    let mut position_covariance_m2 = [[0.0; 3]; 3];
+    (0..2).for_each(|i| position_covariance_m2[i][i] = 1e-6);
+    DetectedTouch {
+        position_m: [x_m, y_m, 0.0],
+        position_covariance_m2,
+        strength_s_m2,
+        strength_std_s_m2: 1e-7,
+        peak_s: strength_s_m2 / 1.5e-4,
+        worth: 5.0,
+    }
+}
+
+/// A tracker and its clock.
+struct Bench {
+    tracker: TouchTracker,
+    frame: u32,
+}
+
+impl Bench {
+    fn new(change: impl Fn(&mut TrackerSettings)) -> Self {
+        let mut settings = TrackerSettings::with_strong(STRONG);
+        change(&mut settings);
+        Self { tracker: TouchTracker::new(settings).unwrap(), frame: 0 }
+    }
+
+    fn push(&mut self, found: &[DetectedTouch]) -> Vec<Touch> {
+        self.frame += 1;
+        self.tracker.push(found, DT_S * f64::from(self.frame), true).unwrap().to_vec()
+    }
+}
+
+/// The only touch.
+fn only(touches: &[Touch]) -> Touch {
+    let [touch] = touches else { panic!("{touches:?}") };
+    *touch
+}
+
+/// Seventeen at places of their own.
+fn seventeen() -> Vec<DetectedTouch> {
+    (0..17).map(|k| touch(0.1 * f64::from(k), 0.0, WEAK)).collect()
+}
+
+#[test]
+fn more_touches_than_fit_are_refused() {
+    let mut bench = Bench::new(|_| ());
+    bench.push(&seventeen()[..16]);
+    let mut untroubled = bench.tracker.clone();
+    let refused = bench.tracker.push(&seventeen(), 1.0, true).unwrap_err();
+    assert_eq!(refused, InverseError::TooManyTouches { found: 17, most: 16 });
+    // as before: the second frame of weak ones names as many as there may be
+    let frame = &seventeen()[..16];
+    let touches = bench.tracker.push(frame, 1.0, true).unwrap();
+    assert_eq!(touches.len(), 8);
+    assert_eq!(touches, untroubled.push(frame, 1.0, true).unwrap());
+    // settings that allow more have room for more
+    let mut roomy = Bench::new(|settings| settings.max_touches = 20);
+    assert!(roomy.tracker.push(&seventeen(), 1.0, true).is_ok());
+}
+
+/// Touches that jump while old ones are long forgiven fill all there is room for.
+#[test]
+fn crowds_neither_panic_nor_exceed_the_most() {
+    let mut bench = Bench::new(|settings| settings.forgiven_frames = 20);
+    let mut random = Random::new(1);
+    for _ in 0..400 {
+        let found: Vec<DetectedTouch> = (0..random.below(17))
+            .map(|_| touch(random.between(-1.0, 1.0), random.between(-1.0, 1.0), 2.0 * WEAK))
+            .collect();
+        let touches = bench.push(&found);
+        assert!(touches.iter().filter(|t| t.state != TouchState::End).count() <= 8);
+        assert!(touches.windows(2).all(|pair| pair[0].id < pair[1].id));
+    }
+}
+
+/// A clone bears touches as its original does, whether it was made before any or in between.
+#[test]
+fn clones_follow_as_their_originals_do() {
+    let frame: Vec<DetectedTouch> =
+        (0..5).map(|k| touch(0.1 * f64::from(k), 0.0, STRONG)).collect();
+    let mut bench = Bench::new(|_| ());
+    let mut early = bench.tracker.clone();
+    assert_eq!(early.push(&frame, DT_S, true).unwrap(), bench.push(&frame));
+    assert_eq!(early.touches().len(), 5);
+    let mut late = bench.tracker.clone();
+    let more = [&frame[..], &[touch(0.9, 0.0, STRONG)]].concat();
+    assert_eq!(late.push(&more, 2.0 * DT_S, true).unwrap(), bench.push(&more));
+    assert_eq!(late.touches().len(), 6);
+}
+
+/// A weak touch is reported from the frame on that shows it for the `birth_frames`th time, with age 0.
+#[test]
+fn weak_touches_are_born_when_shown_often_enough() {
+    for birth_frames in [1, 2, 4] {
+        let mut bench = Bench::new(|settings| settings.birth_frames = birth_frames);
+        for shown in 1..birth_frames {
+            assert!(bench.push(&[touch(0.01, 0.0, WEAK)]).is_empty(), "{birth_frames} {shown}");
+        }
+        let born = only(&bench.push(&[touch(0.01, 0.0, WEAK)]));
+        assert_eq!((born.id, born.state, born.age_frames), (1, TouchState::Begin, 0));
+        assert_eq!((born.age_s, born.valid), (0.0, true));
+        let next = only(&bench.push(&[touch(0.01, 0.0, WEAK)]));
+        assert_eq!((next.id, next.state, next.age_frames), (1, TouchState::Hold, 1));
+        assert!((next.age_s - DT_S).abs() < 1e-12);
+    }
+}
+
+/// What is seen once and then not is never reported, however often.
+#[test]
+fn single_sightings_of_weak_touches_are_never_reported() {
+    let mut bench = Bench::new(|_| ());
+    for _ in 0..10 {
+        assert!(bench.push(&[touch(0.0, 0.0, WEAK)]).is_empty());
+        assert!(bench.push(&[]).is_empty());
+        assert!(bench.push(&[]).is_empty());
+    }
+}
+
+/// At once, with either sign.
+#[test]
+fn strong_touches_are_born_at_once() {
+    for strength in [STRONG, -STRONG] {
+        let mut bench = Bench::new(|settings| settings.birth_frames = 10);
+        let born = only(&bench.push(&[touch(0.0, 0.0, strength)]));
+        assert_eq!((born.state, born.intensity_s_m2), (TouchState::Begin, strength));
+        // it has been born, weak or not
+        assert_eq!(only(&bench.push(&[touch(0.0, 0.0, WEAK)])).state, TouchState::Hold);
+    }
+}
+
+/// One that is not shown stays for the forgiven frames, not valid, ends once and is gone.
+#[test]
+fn forgiven_frames_then_the_end() {
+    for forgiven in [0, 1, 3] {
+        let mut bench = Bench::new(|settings| settings.forgiven_frames = forgiven);
+        bench.push(&[touch(0.02, 0.0, STRONG)]);
+        for missed in 0..forgiven {
+            let held = only(&bench.push(&[]));
+            assert_eq!((held.id, held.state, held.valid), (1, TouchState::Hold, false), "{missed}");
+        }
+        let end = only(&bench.push(&[]));
+        assert_eq!((end.id, end.state, end.valid), (1, TouchState::End, false), "{forgiven}");
+        assert_eq!(end.intensity_s_m2, STRONG);
+        assert!(bench.push(&[]).is_empty());
+        // numbers are never used again
+        assert_eq!(only(&bench.push(&[touch(0.02, 0.0, STRONG)])).id, 2);
+    }
+}
+
+/// A gap of the forgiven frames costs neither the number nor the age, of one that rests and of one that
+/// goes on behind the gap where it would have been.
+#[test]
+fn numbers_are_kept_through_gaps() {
+    for speed_m_s in [0.0, 0.3] {
+        let mut bench = Bench::new(|settings| settings.forgiven_frames = 2);
+        for frame in 0..40_u32 {
+            let found = [touch(speed_m_s * DT_S * f64::from(frame), 0.0, STRONG)];
+            let is_gap = frame % 10 >= 8;
+            let held = only(&bench.push(if is_gap { &[] } else { &found }));
+            assert_eq!((held.id, held.age_frames), (1, u64::from(frame)));
+            assert_eq!(held.valid, !is_gap, "{frame}");
+        }
+    }
+}
+
+/// Two fingers pass each other at 12 mm, listed in either order: each keeps its number.
+#[test]
+fn numbers_are_kept_through_a_crossing() {
+    let mut bench = Bench::new(|_| ());
+    for frame in 0..41 {
+        let x_m = 0.2 * DT_S * f64::from(frame - 20);
+        let mut found = [touch(x_m, 6e-3, STRONG), touch(-x_m, -6e-3, 1.5 * STRONG)];
+        // the first is number 1
+        if frame % 2 == 1 {
+            found.swap(0, 1);
+        }
+        let touches = bench.push(&found);
+        assert_eq!(touches.len(), 2);
+        for (touch, (id, y_m)) in touches.iter().zip([(1, 6e-3), (2, -6e-3)]) {
+            assert_eq!((touch.id, touch.valid), (id, true), "{frame}");
+            assert!((touch.position_m[1] - y_m).abs() < 1e-9, "{frame}: {touch:?}");
+        }
+    }
+}
+
+/// Farther than the gate is another touch; the old one is forgiven and ends.
+#[test]
+fn beyond_the_gate_is_another_touch() {
+    for (way_m, is_same) in [(39e-3, true), (41e-3, false)] {
+        let mut bench = Bench::new(|_| ());
+        bench.push(&[touch(0.0, 0.0, STRONG)]);
+        let ids: Vec<u64> =
+            bench.push(&[touch(way_m, 0.0, STRONG)]).iter().map(|touch| touch.id).collect();
+        assert_eq!(ids, if is_same { vec![1] } else { vec![1, 2] }, "{way_m}");
+    }
+}
+
+/// Named touches are never more than the most; the next is named when one has ended.
+#[test]
+fn the_most_is_kept() {
+    let mut bench = Bench::new(|settings| settings.max_touches = 2);
+    let three = [0.0, 0.1, 0.2].map(|x_m| touch(x_m, 0.0, STRONG));
+    let ids = |touches: &[Touch]| touches.iter().map(|touch| touch.id).collect::<Vec<_>>();
+    (0..5).for_each(|_| assert_eq!(ids(&bench.push(&three)), [1, 2]));
+    assert_eq!(ids(&bench.push(&three[1..])), [1, 2]);
+    // the first ends, the third takes its room
+    let touches = bench.push(&three[1..]);
+    assert_eq!(ids(&touches), [1, 2, 3]);
+    assert_eq!(touches[0].state, TouchState::End);
+    assert_eq!(touches[2].state, TouchState::Begin);
+}
+
+/// Times that do not follow are refused with both times, and the tracker is as before.
+#[test]
+fn time_that_goes_back_is_refused() {
+    let mut bench = Bench::new(|_| ());
+    let found = [touch(0.0, 0.0, STRONG)];
+    bench.tracker.push(&found, 5.0, true).unwrap();
+    let mut untroubled = bench.tracker.clone();
+    for time_s in [5.0, 4.9, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        match bench.tracker.push(&found, time_s, true).unwrap_err() {
+            InverseError::TimeOrder { frame: 1, time_s: found_s, before_s: 5.0 } => {
+                assert!(found_s.total_cmp(&time_s).is_eq());
+            }
+            error => panic!("{time_s}: {error}"),
+        }
+    }
+    assert_eq!(bench.tracker.push(&[], 5.1, false), untroubled.push(&[], 5.1, false));
+    assert!(!only(bench.tracker.touches()).whole);
+}
+
+/// A point that goes steadily, measured without error, has that velocity to rounding; one that rests
+/// after that soon has none.
+#[test]
+fn velocity_of_a_steady_point() {
+    let mut bench = Bench::new(|_| ());
+    let velocity_m_s = [0.08, -0.06, 0.0];
+    let mut last = None;
+    for frame in 0..30 {
+        let [x_m, y_m, _] = velocity_m_s.map(|v| v * DT_S * f64::from(frame));
+        last = bench.push(&[touch(x_m, y_m, STRONG)]).first().copied();
+    }
+    let touch = last.unwrap();
+    for (i, velocity_m_s) in velocity_m_s.iter().enumerate() {
+        assert!((touch.velocity_m_s[i] - velocity_m_s).abs() < 1e-9, "{touch:?}");
+        let place_m = velocity_m_s * DT_S * 29.0;
+        assert!((touch.position_m[i] - place_m).abs() < 1e-9, "{touch:?}");
+    }
+    // the filter forgets a velocity within some ten frames
+    for _ in 0..30 {
+        bench.push(&[self::touch(velocity_m_s[0] * 1.45, velocity_m_s[1] * 1.45, STRONG)]);
+    }
+    let rest = only(bench.tracker.touches());
+    assert!(rest.velocity_m_s.iter().all(|v| v.abs() < 1e-3), "{rest:?}");
+}
+
+/// What explains more is surer, and what has been there for longer, whatever its strength.
+#[test]
+fn confidence_rises_with_worth_and_age() {
+    let confidences = |worth: f64, strength: f64| -> Vec<f64> {
+        let mut bench = Bench::new(|_| ());
+        let found = DetectedTouch { worth, ..touch(0.0, 0.0, strength) };
+        (0..6).map(|_| only(&bench.push(&[found])).confidence).collect()
+    };
+    let worths = [1.0, 1.8, 2.5, 5.0, 20.0, 200.0];
+    let all = worths.map(|worth| confidences(worth, STRONG));
+    for (worth, of) in worths.iter().zip(&all) {
+        assert!(of.iter().all(|c| (0.0..=1.0).contains(c)), "{worth}: {of:?}");
+        assert!(of[..4].windows(2).all(|pair| pair[1] > pair[0]), "{worth}: {of:?}");
+        assert!(of[3..].windows(2).all(|pair| pair[1] == pair[0]), "{worth}: {of:?}");
+        assert_eq!(of, &confidences(*worth, 3.0 * STRONG));
+    }
+    for pair in all.windows(2) {
+        assert!(pair[0].iter().zip(&pair[1]).all(|(less, more)| more > less), "{pair:?}");
+    }
+}
+
+/// Touches come, go and jump: nothing is allocated from the first frame on.
+#[test]
+fn push_allocates_nothing() {
+    let mut random = Random::new(3);
+    let mut bench = Bench::new(|settings| settings.forgiven_frames = 3);
+    for frame in 0..200 {
+        let found: Vec<DetectedTouch> = (0..random.below(17))
+            .map(|_| touch(random.between(-0.1, 0.1), random.between(-0.1, 0.1), STRONG))
+            .collect();
+        let time_s = DT_S * f64::from(frame);
+        let info = allocation_counter::measure(|| {
+            bench.tracker.push(&found, time_s, true).unwrap();
+        });
+        assert_eq!(info.count_total, 0, "{frame}: {info:?}");
+    }
+}
