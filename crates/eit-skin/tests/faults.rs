@@ -10,8 +10,10 @@
 #[path = "common/voltages.rs"]
 mod voltages;
 
+use eit_skin::SkinError;
+use eit_skin::eit_fem::PairProtocol;
 use eit_skin::eit_fem::fabric::Random;
-use eit_skin::faults::{ElectrodeFault, FaultKind};
+use eit_skin::faults::{ElectrodeFault, FaultKind, FaultMonitor};
 use voltages::{Bench, DT_S, ELECTRODES, MEASUREMENTS, NOISE_V};
 
 /// Frames in which an electrode that failed must be named.
@@ -82,7 +84,7 @@ fn a_lasting_fault_stays() {
     lost.iter().for_each(|&i| used[i] = false);
     let mut bench = Bench::with(31, &used, &[NOISE_V; MEASUREMENTS]);
     let fault = ElectrodeFault { electrode: 9, kind: FaultKind::Contradicts, since_s: 0.0 };
-    bench.monitor = bench.monitor.with_lasting(&[fault]);
+    bench.monitor = bench.monitor.with_lasting(&[fault]).unwrap();
     bench.push_healthy(2 * HEALING);
     assert_eq!(bench.faults(), [(9, FaultKind::Contradicts)]);
     bench.check_missing(&[]);
@@ -143,8 +145,8 @@ fn a_drifting_electrode_is_blamed_and_comes_back() {
     let push = |bench: &mut Bench, gain: f64, blamed: Option<usize>| {
         let mut frame = bench.reference.clone();
         of_7.iter().for_each(|&i| frame[i] *= gain);
-        bench.monitor.push(&frame, &bench.reference, |_| true, bench.time_s);
-        bench.monitor.blame(blamed, bench.time_s);
+        bench.monitor.push(&frame, &bench.reference, |_| true, bench.time_s).unwrap();
+        bench.monitor.blame(blamed, bench.time_s).unwrap();
         bench.time_s += DT_S;
     };
     for blamed in [Some(7), Some(7), None, Some(7), Some(3), Some(7), Some(7)] {
@@ -243,4 +245,56 @@ fn push_allocates_nothing() {
     };
     cycle(false);
     cycle(true);
+}
+
+/// Whatever is refused, the monitor goes on as if it had not been asked.
+#[test]
+fn wrong_lengths_and_electrodes_are_refused() {
+    let protocol = PairProtocol::default().protocol().unwrap();
+    let (used, std_v) = ([true; MEASUREMENTS + 1], [NOISE_V; MEASUREMENTS + 1]);
+    let all = MEASUREMENTS;
+    for (u, s) in [(all - 1, all), (all + 1, all), (all, 0), (all, all + 1)] {
+        let refused = FaultMonitor::new(&protocol, &used[..u], &std_v[..s], 0.0).unwrap_err();
+        let wrong = if u == all { s } else { u };
+        assert!(
+            matches!(refused, SkinError::MeasurementCount { found, measurements: MEASUREMENTS, .. }
+                if found == wrong),
+            "{refused}"
+        );
+    }
+    for step_v in [-1.0, f64::NAN, f64::INFINITY] {
+        let refused = FaultMonitor::new(&protocol, &used[..all], &std_v[..all], step_v);
+        assert!(matches!(refused, Err(SkinError::OutOfRange { key: "step_v", .. })));
+    }
+
+    let mut bench = Bench::new(32);
+    bench.push_healthy(10);
+    let lost = bench.of(5);
+    bench.push(&lost, floating);
+    let (before, missing) = (bench.faults(), (0..all).map(|i| bench.monitor.is_missing(i)));
+    let missing: Vec<bool> = missing.collect();
+    let frame = bench.frame();
+    let (monitor, reference) = (&mut bench.monitor, &bench.reference);
+    let is_count = |answer: Result<(), SkinError>| {
+        assert!(matches!(answer, Err(SkinError::MeasurementCount { .. })), "{answer:?}");
+    };
+    is_count(monitor.push(&frame[1..], reference, |_| true, 1.0));
+    is_count(monitor.push(&[], reference, |_| true, 1.0));
+    is_count(monitor.push(&frame, &reference[1..], |_| true, 1.0));
+    for answer in
+        [monitor.push(&frame, reference, |_| true, f64::NAN), monitor.blame(Some(3), f64::INFINITY)]
+    {
+        assert!(matches!(answer, Err(SkinError::OutOfRange { key: "time_s", .. })), "{answer:?}");
+    }
+    let refused = monitor.blame(Some(ELECTRODES), 1.0).unwrap_err();
+    assert_eq!(refused.to_string(), "electrode 16, counted from 0, of a skin with 16 electrodes");
+    assert_eq!(bench.faults(), before);
+    assert!((0..all).all(|i| bench.monitor.is_missing(i) == missing[i]));
+    assert!(bench.monitor.is_missing(all));
+    let fault = ElectrodeFault { electrode: 99, kind: FaultKind::Stuck, since_s: 0.0 };
+    let refused = bench.monitor.with_lasting(&[fault]);
+    assert!(matches!(
+        refused,
+        Err(SkinError::NoSuchElectrode { electrode: 99, electrodes: ELECTRODES })
+    ));
 }

@@ -4,6 +4,7 @@ use super::contradictions::Contradictions;
 use super::history::History;
 use super::protocol::Wiring;
 use super::{ElectrodeFault, FaultKind};
+use crate::error::SkinError;
 use eit_fem::Protocol;
 
 /// Frames that a stuck electrode repeats itself.
@@ -52,10 +53,27 @@ pub struct FaultMonitor {
 impl FaultMonitor {
     /// For frames of a protocol: which measurements count, the noise of a frame's voltages and the
     /// converter's step (0 where unknown), volts.
-    pub fn new(protocol: &Protocol, used: &[bool], std_v: &[f64], step_v: f64) -> Self {
+    ///
+    /// # Errors
+    ///
+    /// Lists of another length than the protocol has measurements, a step that is below zero or no
+    /// number.
+    pub fn new(
+        protocol: &Protocol,
+        used: &[bool],
+        std_v: &[f64],
+        step_v: f64,
+    ) -> Result<Self, SkinError> {
+        let measurements = protocol.measurements();
+        SkinError::check_measurements("used", used.len(), measurements)?;
+        SkinError::check_measurements("std_v", std_v.len(), measurements)?;
+        if !(step_v >= 0.0 && step_v.is_finite()) {
+            let (key, must) = ("step_v", "finite and not below zero");
+            return Err(SkinError::OutOfRange { key, value: step_v, must });
+        }
         let wiring = Wiring::new(protocol, used);
-        let (electrodes, measurements) = (wiring.of_electrode.len(), used.len());
-        Self {
+        let electrodes = wiring.of_electrode.len();
+        Ok(Self {
             suspects: vec![Suspect::default(); electrodes],
             used: used.to_vec(),
             std_v: std_v.to_vec(),
@@ -69,15 +87,20 @@ impl FaultMonitor {
             lasting: Vec::new(),
             gains: Vec::with_capacity(measurements),
             wiring,
-        }
+        })
     }
 
     /// Faults that last as long as the reference, whose measurements do not count: listed with the others.
-    pub fn with_lasting(mut self, faults: &[ElectrodeFault]) -> Self {
+    ///
+    /// # Errors
+    ///
+    /// An electrode that the protocol does not have.
+    pub fn with_lasting(mut self, faults: &[ElectrodeFault]) -> Result<Self, SkinError> {
+        faults.iter().try_for_each(|fault| self.check_electrode(fault.electrode))?;
         self.lasting = faults.to_vec();
         self.faults.reserve(faults.len());
         self.leave_out();
-        self
+        Ok(self)
     }
 
     /// Measurements that involve each electrode and count.
@@ -92,13 +115,21 @@ impl FaultMonitor {
 
     /// Takes a frame `[measurement]`, volts, with the reference it is held against. Afterwards
     /// [`is_missing`](Self::is_missing) says what to leave out of it.
+    ///
+    /// # Errors
+    ///
+    /// A frame or reference of another length than the protocol has measurements, a time that is no
+    /// number. The monitor is then as before.
     pub fn push(
         &mut self,
         values: &[f64],
         reference: &[f64],
         is_good: impl Fn(usize) -> bool,
         time_s: f64,
-    ) {
+    ) -> Result<(), SkinError> {
+        SkinError::check_measurements("the frame", values.len(), self.used.len())?;
+        SkinError::check_measurements("the reference", reference.len(), self.used.len())?;
+        check_time(time_s)?;
         for (i, missing) in self.is_missing.iter_mut().enumerate() {
             *missing = self.used[i] && !(is_good(i) && values[i].is_finite());
         }
@@ -111,10 +142,18 @@ impl FaultMonitor {
         self.look_for_contradictions(time_s);
         self.heal(values, reference, time_s);
         self.leave_out();
+        Ok(())
     }
 
     /// The detector of touches says whose gain explains the frame far better than touches do.
-    pub fn blame(&mut self, electrode: Option<usize>, time_s: f64) {
+    ///
+    /// # Errors
+    ///
+    /// An electrode that the protocol does not have, a time that is no number. The monitor is then as
+    /// before.
+    pub fn blame(&mut self, electrode: Option<usize>, time_s: f64) -> Result<(), SkinError> {
+        electrode.map_or(Ok(()), |e| self.check_electrode(e))?;
+        check_time(time_s)?;
         for (e, suspect) in self.suspects.iter_mut().enumerate() {
             suspect.votes = if electrode == Some(e) { suspect.votes + 1 } else { 0 };
             if suspect.votes >= BLAMED_FRAMES && suspect.fault.is_none() {
@@ -124,11 +163,13 @@ impl FaultMonitor {
             }
         }
         self.leave_out();
+        Ok(())
     }
 
-    /// Whether a measurement of the last frame is to be left out: it is bad, or its electrode is.
+    /// Whether a measurement of the last frame is to be left out: it is bad, or its electrode is, or
+    /// the protocol does not have it.
     pub fn is_missing(&self, measurement: usize) -> bool {
-        self.is_missing[measurement]
+        self.is_missing.get(measurement).copied().unwrap_or(true)
     }
 
     /// Electrodes that are left out now, by ascending number.
@@ -139,6 +180,14 @@ impl FaultMonitor {
     /// Measurements that came back with the last frame, and whose reference nobody knows.
     pub fn healed(&self) -> &[usize] {
         &self.healed
+    }
+
+    fn check_electrode(&self, electrode: usize) -> Result<(), SkinError> {
+        let electrodes = self.suspects.len();
+        match electrode < electrodes {
+            true => Ok(()),
+            false => Err(SkinError::NoSuchElectrode { electrode, electrodes }),
+        }
     }
 
     fn look_for_flagged(&mut self, time_s: f64) {
@@ -249,5 +298,12 @@ impl FaultMonitor {
         }
         let Self { healed, is_missing, .. } = self;
         healed.retain(|&i| !is_missing[i]);
+    }
+}
+
+fn check_time(time_s: f64) -> Result<(), SkinError> {
+    match time_s.is_finite() {
+        true => Ok(()),
+        false => Err(SkinError::OutOfRange { key: "time_s", value: time_s, must: "finite" }),
     }
 }

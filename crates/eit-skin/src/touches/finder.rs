@@ -71,8 +71,8 @@ impl TouchFinder {
         let Imaging { difference, whitening } = Imaging::new(fitted, progress)?;
         let keys = &skin.skin.settings.touch;
         let protocol = &skin.skin.protocol;
-        let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v)
-            .with_lasting(&frames.faults);
+        let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v)?
+            .with_lasting(&frames.faults)?;
         let unknowns = unknowns(skin, &mut Progress::silent())?;
         let std_v: Vec<f64> = noise.std_v.iter().map(|e| e * noise.with_reference).collect();
         let quiet = match &frames.quiet {
@@ -123,16 +123,16 @@ impl TouchFinder {
     ///
     /// # Errors
     ///
-    /// An image that cannot be made.
+    /// A frame of another length, an image that cannot be made.
     pub fn image(
         &mut self,
         values: &[f64],
         is_good: impl Fn(usize) -> bool,
         time_s: f64,
     ) -> Result<(), SkinError> {
-        self.values.copy_from_slice(values);
         self.reference.copy_from_slice(self.detector.reference_v());
-        self.monitor.push(values, &self.reference, is_good, time_s);
+        self.monitor.push(values, &self.reference, is_good, time_s)?;
+        self.values.copy_from_slice(values);
         for &i in self.monitor.healed() {
             // where the reference of what comes back is, nobody knows
             self.detector.set_reference(i, values[i] - self.detector.touch_of(i));
@@ -175,7 +175,7 @@ impl TouchFinder {
         let monitor = &self.monitor;
         let step = self.detector.push(&self.values, |i| monitor.is_missing(i), dt_s)?;
         self.before_s = Some(time_s);
-        self.monitor.blame(step.blamed, time_s);
+        self.monitor.blame(step.blamed, time_s)?;
         self.step = Some(step);
         Ok(self.tracker.push(self.detector.touches(), time_s, self.bad.is_empty())?)
     }
