@@ -6,12 +6,14 @@
 //! that repeat themselves exactly while others move are stuck. A gain that drifts is reciprocal: there
 //! the detector of touches says whose gain explains the frame ([`FaultMonitor::blame`]).
 //!
-//! A frame without a single good value, or one in which most electrodes contradict the others, is a
-//! bad frame (a packet that was dropped or damaged): it is left out whole and blames nobody.
+//! A frame without a single good value, or one in which more contradicts than a third of the
+//! electrodes explain, is a bad frame (a packet that was dropped or damaged): it is left out whole, and
+//! blames nobody unless five of the second kind come in a row.
 //!
 //! Costs a few operations for each measurement and electrode, and allocates nothing after set-up.
 
 mod contradictions;
+mod flagged;
 mod history;
 mod monitor;
 mod protocol;

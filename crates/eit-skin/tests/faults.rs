@@ -176,10 +176,13 @@ fn a_drifting_electrode_is_blamed_and_comes_back() {
 fn a_flagged_electrode_is_named_and_flags_alone_are_none() {
     let mut bench = Bench::new(27);
     let lost = bench.of(3);
-    let frame = bench.frame();
-    bench.push_frame(&frame, |i| !lost.contains(&i));
+    for _ in 0..IN_TIME {
+        assert_eq!(bench.faults(), []);
+        let frame = bench.frame();
+        bench.push_frame(&frame, |i| !lost.contains(&i));
+        bench.check_missing(&lost);
+    }
     assert_eq!(bench.faults(), [(3, FaultKind::Flagged)]);
-    bench.check_missing(&lost);
     for _ in 0..HEALING {
         assert_eq!(bench.faults(), [(3, FaultKind::Flagged)]);
         bench.push_healthy(1);
@@ -192,6 +195,125 @@ fn a_flagged_electrode_is_named_and_flags_alone_are_none() {
     bench.push_frame(&frame, |_| true);
     assert_eq!(bench.faults(), []);
     bench.check_missing(&half);
+}
+
+const NOTHING: [(usize, FaultKind); 0] = [];
+
+/// Frames that no value is good in: not a number, or flagged.
+fn push_dropped(bench: &mut Bench, is_nan: bool) {
+    let frame = if is_nan { vec![f64::NAN; MEASUREMENTS] } else { bench.frame() };
+    bench.push_frame(&frame, |_| is_nan);
+}
+
+/// A value for each measurement that has nothing to do with it.
+fn push_garbage(bench: &mut Bench) {
+    bench.push(&ALL, |random, _| 0.1 * random.normal());
+}
+
+const ALL: [usize; MEASUREMENTS] = {
+    let mut all = [0; MEASUREMENTS];
+    let mut i = 0;
+    while i < MEASUREMENTS {
+        all[i] = i;
+        i += 1;
+    }
+    all
+};
+
+#[test]
+fn dropped_frames_blame_nobody() {
+    for is_nan in [true, false] {
+        let mut bench = Bench::new(33);
+        bench.push_healthy(10);
+        for _ in 0..50 {
+            push_dropped(&mut bench, is_nan);
+            assert_eq!(bench.faults(), NOTHING);
+            assert!(bench.monitor.is_bad());
+            bench.check_missing(&ALL);
+        }
+        bench.push_healthy(1);
+        assert_eq!(bench.faults(), NOTHING);
+        assert!(!bench.monitor.is_bad());
+        bench.check_missing(&[]);
+    }
+}
+
+#[test]
+fn a_garbage_frame_blames_nobody_but_five_do() {
+    for seed in 0..20 {
+        let mut bench = Bench::new(seed);
+        bench.push_healthy(10);
+        for _ in 0..IN_TIME - 1 {
+            push_garbage(&mut bench);
+            assert_eq!(bench.faults(), NOTHING, "{seed}");
+            bench.check_missing(&ALL);
+        }
+        bench.push_healthy(1);
+        bench.check_missing(&[]);
+        for _ in 0..IN_TIME {
+            assert_eq!(bench.faults(), NOTHING, "{seed}");
+            push_garbage(&mut bench);
+        }
+        assert!(bench.faults().len() >= 6, "{seed}: {:?}", bench.faults());
+        // and all of them come back
+        bench.push_healthy(HEALING + 1);
+        assert_eq!(bench.faults(), NOTHING, "{seed}");
+        bench.check_missing(&[]);
+    }
+}
+
+/// Garbage of any size, and a packet that lost its first value: all others are a place too early.
+#[test]
+fn damaged_packets_blame_nobody() {
+    for seed in 0..20 {
+        for size_v in [1e-3, 0.03, 0.3, 10.0] {
+            let mut bench = Bench::new(seed);
+            bench.push_healthy(10);
+            bench.push(&ALL, |random, _| size_v * random.normal());
+            assert_eq!(bench.faults(), NOTHING, "{seed}, {size_v} V");
+        }
+        let mut bench = Bench::new(seed);
+        bench.push_healthy(10);
+        let mut frame = bench.frame();
+        frame.rotate_left(1);
+        bench.push_frame(&frame, |_| true);
+        assert_eq!(bench.faults(), NOTHING, "{seed}");
+        bench.check_missing(&ALL);
+        bench.push_healthy(1);
+        bench.check_missing(&[]);
+    }
+}
+
+/// An electrode that is open stays out while frames are dropped, and each fault is found beside them.
+#[test]
+fn bad_frames_neither_heal_nor_hide_a_fault() {
+    let drops: [fn(&mut Bench); 2] = [|bench| push_dropped(bench, true), push_garbage];
+    for drop in drops {
+        let mut bench = Bench::new(34);
+        bench.push_healthy(10);
+        let lost = bench.of(5);
+        bench.push(&lost, floating);
+        for _ in 0..3 {
+            // longer than it takes to heal, less in a row than blames everybody
+            bench.push_healthy(3);
+            (0..4).for_each(|_| drop(&mut bench));
+            assert_eq!(bench.faults(), [(5, FaultKind::Contradicts)]);
+        }
+        (0..HEALING).for_each(|_| push_dropped(&mut bench, true));
+        bench.push_healthy(HEALING - 9);
+        assert_eq!(bench.faults(), [(5, FaultKind::Contradicts)]);
+        bench.push_healthy(2);
+        assert_eq!(bench.faults(), NOTHING);
+        // flags in every second frame that comes whole
+        let flagged = bench.of(3);
+        for _ in 0..IN_TIME {
+            assert_eq!(bench.faults(), NOTHING);
+            drop(&mut bench);
+            let frame = bench.frame();
+            bench.push_frame(&frame, |i| !flagged.contains(&i));
+        }
+        assert_eq!(bench.faults(), [(3, FaultKind::Flagged)]);
+    }
 }
 
 /// A second of good frames without a break; the measurements that come back are listed once.

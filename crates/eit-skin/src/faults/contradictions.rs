@@ -65,14 +65,9 @@ impl Contradictions {
         }
     }
 
-    /// Electrodes to blame: the one with the largest part of wrong measurements goes, until none has
+    /// Looks for [`accused`](Self::accused) electrodes: the one with the largest part of wrong measurements goes, until none has
     /// half of its own wrong. Those that are out already blame nobody.
-    pub fn accuse(
-        &mut self,
-        wiring: &Wiring,
-        is_missing: &[bool],
-        is_out: impl Fn(usize) -> bool,
-    ) -> &[usize] {
+    pub fn accuse(&mut self, wiring: &Wiring, is_missing: &[bool], is_out: impl Fn(usize) -> bool) {
         self.accused.clear();
         for (e, out) in self.is_out.iter_mut().enumerate() {
             *out = is_out(e);
@@ -86,13 +81,13 @@ impl Contradictions {
                     (worst, most) = (Some(e), part.unwrap_or(most).next_up());
                 }
             }
-            let Some(e) = worst else { return &self.accused };
+            let Some(e) = worst else { return };
             self.is_out[e] = true;
             self.accused.push(e);
         }
     }
 
-    /// The last answer of [`accuse`](Self::accuse).
+    /// Electrodes to blame for what is wrong, the worst first.
     pub fn accused(&self) -> &[usize] {
         &self.accused
     }

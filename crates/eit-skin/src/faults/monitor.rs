@@ -1,25 +1,24 @@
 //! Electrodes that fail, frame by frame.
 
+mod healing;
+
 use super::contradictions::Contradictions;
+use super::flagged::Flagged;
 use super::history::History;
 use super::protocol::Wiring;
 use super::{ElectrodeFault, FaultKind};
 use crate::error::SkinError;
 use eit_fem::Protocol;
 
-/// Frames that a stuck electrode repeats itself.
-const STUCK_FRAMES: usize = 5;
-/// Part of the other channels that must move meanwhile, ...
-const MOVING: f64 = 0.4;
-/// ... by so many steps of the converter.
-const MOVING_STEPS: f64 = 3.0;
+/// A frame is a bad one where more than this part of the electrodes contradict: garbage blames every
+/// second to third electrode, which leaves no measurement that could blame those between them; ...
+const GARBAGE: f64 = 1.0 / 3.0;
+/// ... or where this part of the measurements without those electrodes is wrong too. ...
+const UNEXPLAINED: f64 = 0.2;
+/// ... Only so many bad frames in a row blame electrodes.
+const GARBAGE_FRAMES: usize = 5;
 /// Frames in a row that must blame an electrode's gain.
 const BLAMED_FRAMES: usize = 3;
-/// Time for which a faulty electrode must behave to be used again, seconds.
-const HEALED_S: f64 = 1.0;
-/// Relative change over that time below which a gain has stopped drifting.
-const STILL: f64 = 1e-3;
-
 /// An electrode under suspicion.
 #[derive(Debug, Clone, Copy, Default)]
 struct Suspect {
@@ -40,10 +39,16 @@ pub struct FaultMonitor {
     std_v: Vec<f64>,
     step_v: f64,
     suspects: Vec<Suspect>,
+    /// The last frame is left out whole.
+    is_bad: bool,
+    /// Frames in a row in which too much contradicts.
+    garbage_frames: usize,
+    /// Time of the last frame, seconds.
+    before_s: Option<f64>,
     history: History,
+    flagged: Flagged,
     contradictions: Contradictions,
     is_missing: Vec<bool>,
-    is_moving: Vec<bool>,
     healed: Vec<usize>,
     faults: Vec<ElectrodeFault>,
     lasting: Vec<ElectrodeFault>,
@@ -75,13 +80,16 @@ impl FaultMonitor {
         let electrodes = wiring.of_electrode.len();
         Ok(Self {
             suspects: vec![Suspect::default(); electrodes],
+            is_bad: false,
+            garbage_frames: 0,
+            before_s: None,
             used: used.to_vec(),
             std_v: std_v.to_vec(),
             step_v,
-            history: History::new(STUCK_FRAMES, measurements),
+            history: History::new(measurements, electrodes),
+            flagged: Flagged::new(electrodes),
             contradictions: Contradictions::new(measurements, electrodes),
             is_missing: vec![false; measurements],
-            is_moving: vec![false; measurements],
             healed: Vec::with_capacity(measurements),
             faults: Vec::with_capacity(electrodes),
             lasting: Vec::new(),
@@ -136,13 +144,25 @@ impl FaultMonitor {
         let Self { contradictions, wiring, std_v, used, is_missing, .. } = self;
         let counts = |i: usize| used[i] && !is_missing[i];
         contradictions.compare(&wiring.reciprocal, std_v, [values, reference], counts);
-        self.history.push(values);
-        self.look_for_flagged(time_s);
-        self.look_for_stuck(time_s);
-        self.look_for_contradictions(time_s);
-        self.heal(values, reference, time_s);
+        self.healed.clear();
+        self.is_bad =
+            !(0..self.used.len()).any(|i| self.used[i] && !self.is_missing[i]) || self.is_garbage();
+        if self.is_bad {
+            self.pass_over(time_s);
+        } else {
+            self.condemn_all(values, time_s);
+            self.heal(values, reference, time_s);
+        }
+        self.before_s = Some(time_s);
         self.leave_out();
         Ok(())
+    }
+
+    /// Whether the frame at hand is left out whole: it has no good value, or more contradicts
+    /// in it than a third of the electrodes explain, which is sooner a damaged packet than so many faults
+    /// at once.
+    pub fn is_bad(&self) -> bool {
+        self.is_bad
     }
 
     /// The detector of touches says whose gain explains the frame far better than touches do.
@@ -154,6 +174,10 @@ impl FaultMonitor {
     pub fn blame(&mut self, electrode: Option<usize>, time_s: f64) -> Result<(), SkinError> {
         electrode.map_or(Ok(()), |e| self.check_electrode(e))?;
         check_time(time_s)?;
+        if self.is_bad {
+            // it says nothing of anybody
+            return Ok(());
+        }
         for (e, suspect) in self.suspects.iter_mut().enumerate() {
             suspect.votes = if electrode == Some(e) { suspect.votes + 1 } else { 0 };
             if suspect.votes >= BLAMED_FRAMES && suspect.fault.is_none() {
@@ -190,98 +214,62 @@ impl FaultMonitor {
         }
     }
 
-    fn look_for_flagged(&mut self, time_s: f64) {
-        for e in 0..self.suspects.len() {
-            let of_e = &self.wiring.of_electrode[e];
-            let flagged = of_e.iter().filter(|&&i| self.is_missing[i]).count();
-            if !of_e.is_empty() && flagged as f64 > 0.9 * of_e.len() as f64 {
-                self.condemn(e, FaultKind::Flagged, time_s);
+    /// Whether too much contradicts for faults of electrodes to be the reason, for the first few frames
+    /// in a row.
+    fn is_garbage(&mut self) -> bool {
+        self.accuse();
+        let Self { wiring, suspects, contradictions, is_missing, used, .. } = self;
+        let accused = contradictions.accused();
+        let is_out = |e: &usize| suspects[*e].fault.is_some() || accused.contains(e);
+        let (mut left, mut wrong) = (0_usize, 0_usize);
+        for (i, electrodes) in wiring.of_measurement.iter().enumerate() {
+            if used[i] && !is_missing[i] && !electrodes.iter().any(is_out) {
+                left += 1;
+                wrong += usize::from(contradictions.is_wrong[i]);
             }
         }
+        let of_electrode = wiring.of_electrode.iter().zip(suspects.iter());
+        let is_judged =
+            |(of_e, suspect): &(&Vec<usize>, &Suspect)| !of_e.is_empty() && suspect.fault.is_none();
+        let judged = of_electrode.filter(is_judged).count();
+        let is_garbage = !accused.is_empty()
+            && (accused.len() as f64 > GARBAGE * judged as f64
+                || wrong as f64 > UNEXPLAINED * left as f64);
+        self.garbage_frames = if is_garbage { self.garbage_frames + 1 } else { 0 };
+        is_garbage && self.garbage_frames < GARBAGE_FRAMES
     }
 
-    fn look_for_stuck(&mut self, time_s: f64) {
-        if !self.history.is_full() {
-            return;
-        }
-        for i in 0..self.used.len() {
-            self.is_moving[i] = self.used[i] && self.history.span(i) > MOVING_STEPS * self.step_v;
-        }
-        let all_used = self.used.iter().filter(|used| **used).count();
-        let all_moving = self.is_moving.iter().filter(|moving| **moving).count();
+    /// Looks for what is new in a frame that is not bad.
+    fn condemn_all(&mut self, values: &[f64], time_s: f64) {
+        let Self { wiring, used, is_missing, history, flagged, .. } = self;
+        history.push(values);
+        flagged.push(wiring, used, is_missing);
+        history.look_for_stuck(wiring, used, self.step_v);
         for e in 0..self.suspects.len() {
-            let of_e = &self.wiring.of_electrode[e];
-            let own = of_e.iter().filter(|&&i| self.is_moving[i]).count();
-            let others = all_used - of_e.len();
-            let is_moving = (all_moving - own) as f64 > MOVING * others as f64;
-            let is_still = of_e.iter().all(|&i| self.history.span(i) == 0.0);
-            if is_moving && !of_e.is_empty() && is_still {
+            if self.flagged.is_faulty(e) {
+                self.condemn(e, FaultKind::Flagged, time_s);
+            }
+            if self.history.is_stuck(e) {
                 self.condemn(e, FaultKind::Stuck, time_s);
             }
         }
-    }
-
-    fn look_for_contradictions(&mut self, time_s: f64) {
-        let Self { contradictions, wiring, is_missing, suspects, .. } = self;
-        let accused = contradictions.accuse(wiring, is_missing, |e| suspects[e].fault.is_some());
-        for k in 0..accused.len() {
+        // anew: who is stuck or flagged is out by now
+        self.accuse();
+        for k in 0..self.contradictions.accused().len() {
             let electrode = self.contradictions.accused()[k];
             self.condemn(electrode, FaultKind::Contradicts, time_s);
         }
+    }
+
+    fn accuse(&mut self) {
+        let Self { contradictions, wiring, is_missing, suspects, .. } = self;
+        contradictions.accuse(wiring, is_missing, |e| suspects[e].fault.is_some());
     }
 
     fn condemn(&mut self, electrode: usize, kind: FaultKind, since_s: f64) {
         let suspect = &mut self.suspects[electrode];
         suspect.good_since_s = None;
         suspect.fault.get_or_insert(ElectrodeFault { electrode, kind, since_s });
-    }
-
-    /// Takes electrodes back that have behaved for a while.
-    fn heal(&mut self, values: &[f64], reference: &[f64], time_s: f64) {
-        self.healed.clear();
-        for e in 0..self.suspects.len() {
-            let Some(fault) = self.suspects[e].fault else { continue };
-            let gain = self.gain_of(e, values, reference);
-            let before = self.suspects[e].gain;
-            let mut of_e = self.wiring.of_electrode[e].iter();
-            let behaves = match fault.kind {
-                FaultKind::Contradicts => self.wrong_part(e) < 0.1,
-                FaultKind::Stuck => of_e.any(|&i| self.history.span(i) > 0.0),
-                FaultKind::Flagged => of_e.any(|&i| !self.is_missing[i]),
-                FaultKind::Drifts => (gain - before).abs() < STILL,
-            };
-            let suspect = &mut self.suspects[e];
-            let since = match (behaves, suspect.good_since_s) {
-                (true, Some(since)) => since,
-                _ => {
-                    (suspect.good_since_s, suspect.gain) = (Some(time_s), gain);
-                    time_s
-                }
-            };
-            if time_s - since >= HEALED_S {
-                *suspect = Suspect::default();
-                self.healed.extend_from_slice(&self.wiring.of_electrode[e]);
-            }
-        }
-    }
-
-    /// Part of a faulty electrode's measurements that are wrong.
-    fn wrong_part(&self, electrode: usize) -> f64 {
-        let is_out = |e: usize| self.suspects[e].fault.is_some();
-        let Self { contradictions, wiring, is_missing, .. } = self;
-        contradictions.wrong_part(wiring, electrode, is_missing, is_out).unwrap_or(0.0)
-    }
-
-    /// Median of an electrode's measurements over their reference.
-    fn gain_of(&mut self, electrode: usize, values: &[f64], reference: &[f64]) -> f64 {
-        self.gains.clear();
-        let ratios = self.wiring.of_electrode[electrode].iter().map(|&i| values[i] / reference[i]);
-        self.gains.extend(ratios.filter(|r| r.is_finite()));
-        if self.gains.is_empty() {
-            return f64::NAN;
-        }
-        let middle = self.gains.len() / 2;
-        *self.gains.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 
     /// Measurements of faulty electrodes, and pairs that contradict themselves alone.
@@ -292,7 +280,8 @@ impl FaultMonitor {
         for i in 0..self.used.len() {
             let faulty = |e: &usize| self.suspects[*e].fault.is_some();
             let of_i = &self.wiring.of_measurement[i];
-            if self.contradictions.is_wrong[i] || of_i.iter().any(faulty) {
+            let is_bad = self.is_bad && self.used[i];
+            if is_bad || self.contradictions.is_wrong[i] || of_i.iter().any(faulty) {
                 self.is_missing[i] = true;
             }
         }

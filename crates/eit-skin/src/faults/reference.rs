@@ -37,7 +37,8 @@ pub(crate) fn of_reference(
     for (i, wrong) in contradictions.is_wrong.iter_mut().enumerate() {
         *wrong = used[i] && std_v[i] > limit;
     }
-    let mut found = contradictions.accuse(&wiring, &vec![false; measurements], |_| false).to_vec();
+    contradictions.accuse(&wiring, &vec![false; measurements], |_| false);
+    let mut found = contradictions.accused().to_vec();
     found.sort_unstable();
     let of_found = |i: &usize| wiring.of_measurement[*i].iter().any(|e| found.contains(e));
     let left_out = (0..measurements).filter(of_found).collect();
