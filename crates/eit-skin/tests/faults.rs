@@ -54,16 +54,23 @@ fn every_open_electrode_is_named_at_once() {
     }
 }
 
+/// All in the first frame, since with one overlooked the touches of that frame are noise; chance lets
+/// floating values fit in one draw of twenty.
 #[test]
 fn four_open_electrodes_are_named() {
-    let mut bench = Bench::new(21);
-    bench.push_healthy(10);
     let broken = [2, 5, 8, 11];
-    let lost: Vec<usize> = broken.iter().flat_map(|&e| bench.of(e)).collect();
-    for _ in 0..IN_TIME {
+    let mut at_once = 0;
+    for seed in 0..20 {
+        let mut bench = Bench::new(seed);
+        bench.push_healthy(10);
+        let lost: Vec<usize> = broken.iter().flat_map(|&e| bench.of(e)).collect();
+        let wanted = broken.map(|e| (e, FaultKind::Contradicts));
         bench.push(&lost, floating);
+        at_once += usize::from(bench.faults() == wanted);
+        bench.push(&lost, floating);
+        assert_eq!(bench.faults(), wanted, "{seed}");
     }
-    assert_eq!(bench.faults(), broken.map(|e| (e, FaultKind::Contradicts)));
+    assert!(at_once >= 18, "{at_once}");
 }
 
 /// An electrode without any voltage: its measurements and their reciprocals are zero alike.

@@ -4,6 +4,9 @@ use super::protocol::Wiring;
 
 /// Part of an electrode's reciprocal pairs that must be wrong for it to be faulty.
 const FAULTY: f64 = 0.5;
+/// The same once another one is: with one fault the rest has next to nothing wrong, and chance makes one
+/// in eight measurements of a floating electrode fit.
+const FAULTY_TOO: f64 = 0.25;
 /// A pair is wrong where its halves differ by so many standard deviations of the noise ...
 const WRONG_STD: f64 = 10.0;
 /// ... this part of their change, since gains of real channels are not equal, ...
@@ -66,7 +69,7 @@ impl Contradictions {
     }
 
     /// Looks for [`accused`](Self::accused) electrodes: the one with the largest part of wrong measurements goes, until none has
-    /// half of its own wrong. Those that are out already blame nobody.
+    /// half of its own wrong, or, beside another one, a quarter. Those that are out already blame nobody.
     pub fn accuse(&mut self, wiring: &Wiring, is_missing: &[bool], is_out: impl Fn(usize) -> bool) {
         self.accused.clear();
         for (e, out) in self.is_out.iter_mut().enumerate() {
@@ -74,7 +77,7 @@ impl Contradictions {
         }
         loop {
             let mut worst = None;
-            let mut most = FAULTY;
+            let mut most = if self.accused.is_empty() { FAULTY } else { FAULTY_TOO };
             for e in (0..self.is_out.len()).filter(|&e| !self.is_out[e]) {
                 let part = self.wrong_part(wiring, e, is_missing, |e| self.is_out[e]);
                 if part.is_some_and(|part| part >= most) {
