@@ -76,6 +76,24 @@ pub enum SkinError {
         /// Measurements of the protocol.
         measurements: usize,
     },
+    /// A list of another length than the protocol.
+    #[error("{what} has {found} values, but the protocol has {measurements} measurements")]
+    MeasurementCount {
+        /// Which list.
+        what: &'static str,
+        /// Values that it has.
+        found: usize,
+        /// Measurements of the protocol.
+        measurements: usize,
+    },
+    /// An electrode that the skin does not have.
+    #[error("electrode {electrode}, counted from 0, of a skin with {electrodes} electrodes")]
+    NoSuchElectrode {
+        /// Its number, from 0.
+        electrode: usize,
+        /// Electrodes of the skin.
+        electrodes: usize,
+    },
     /// Frames that the recording does not have.
     #[error("{what}: the recording has frames 0 to {last}")]
     NoSuchFrame {
@@ -137,6 +155,18 @@ impl SkinError {
     /// Bad input.
     pub fn input(message: impl Into<String>) -> Self {
         Self::Input(message.into())
+    }
+
+    /// Refuses a list that has not one value for each measurement.
+    pub(crate) fn check_measurements(
+        what: &'static str,
+        found: usize,
+        measurements: usize,
+    ) -> Result<(), Self> {
+        match found == measurements {
+            true => Ok(()),
+            false => Err(Self::MeasurementCount { what, found, measurements }),
+        }
     }
 
     /// A failure at a path.

@@ -10,8 +10,10 @@
 #[path = "common/voltages.rs"]
 mod voltages;
 
+use eit_skin::SkinError;
+use eit_skin::eit_fem::PairProtocol;
 use eit_skin::eit_fem::fabric::Random;
-use eit_skin::faults::{ElectrodeFault, FaultKind};
+use eit_skin::faults::{ElectrodeFault, FaultKind, FaultMonitor};
 use voltages::{Bench, DT_S, ELECTRODES, MEASUREMENTS, NOISE_V};
 
 /// Frames in which an electrode that failed must be named.
@@ -52,16 +54,23 @@ fn every_open_electrode_is_named_at_once() {
     }
 }
 
+/// All in the first frame, since with one overlooked the touches of that frame are noise; chance lets
+/// floating values fit in one draw of twenty.
 #[test]
 fn four_open_electrodes_are_named() {
-    let mut bench = Bench::new(21);
-    bench.push_healthy(10);
     let broken = [2, 5, 8, 11];
-    let lost: Vec<usize> = broken.iter().flat_map(|&e| bench.of(e)).collect();
-    for _ in 0..IN_TIME {
+    let mut at_once = 0;
+    for seed in 0..20 {
+        let mut bench = Bench::new(seed);
+        bench.push_healthy(10);
+        let lost: Vec<usize> = broken.iter().flat_map(|&e| bench.of(e)).collect();
+        let wanted = broken.map(|e| (e, FaultKind::Contradicts));
         bench.push(&lost, floating);
+        at_once += usize::from(bench.faults() == wanted);
+        bench.push(&lost, floating);
+        assert_eq!(bench.faults(), wanted, "{seed}");
     }
-    assert_eq!(bench.faults(), broken.map(|e| (e, FaultKind::Contradicts)));
+    assert!(at_once >= 18, "{at_once}");
 }
 
 /// An electrode without any voltage: its measurements and their reciprocals are zero alike.
@@ -82,7 +91,7 @@ fn a_lasting_fault_stays() {
     lost.iter().for_each(|&i| used[i] = false);
     let mut bench = Bench::with(31, &used, &[NOISE_V; MEASUREMENTS]);
     let fault = ElectrodeFault { electrode: 9, kind: FaultKind::Contradicts, since_s: 0.0 };
-    bench.monitor = bench.monitor.with_lasting(&[fault]);
+    bench.monitor = bench.monitor.with_lasting(&[fault]).unwrap();
     bench.push_healthy(2 * HEALING);
     assert_eq!(bench.faults(), [(9, FaultKind::Contradicts)]);
     bench.check_missing(&[]);
@@ -143,8 +152,8 @@ fn a_drifting_electrode_is_blamed_and_comes_back() {
     let push = |bench: &mut Bench, gain: f64, blamed: Option<usize>| {
         let mut frame = bench.reference.clone();
         of_7.iter().for_each(|&i| frame[i] *= gain);
-        bench.monitor.push(&frame, &bench.reference, |_| true, bench.time_s);
-        bench.monitor.blame(blamed, bench.time_s);
+        bench.monitor.push(&frame, &bench.reference, |_| true, bench.time_s).unwrap();
+        bench.monitor.blame(blamed, bench.time_s).unwrap();
         bench.time_s += DT_S;
     };
     for blamed in [Some(7), Some(7), None, Some(7), Some(3), Some(7), Some(7)] {
@@ -174,10 +183,13 @@ fn a_drifting_electrode_is_blamed_and_comes_back() {
 fn a_flagged_electrode_is_named_and_flags_alone_are_none() {
     let mut bench = Bench::new(27);
     let lost = bench.of(3);
-    let frame = bench.frame();
-    bench.push_frame(&frame, |i| !lost.contains(&i));
+    for _ in 0..IN_TIME {
+        assert_eq!(bench.faults(), []);
+        let frame = bench.frame();
+        bench.push_frame(&frame, |i| !lost.contains(&i));
+        bench.check_missing(&lost);
+    }
     assert_eq!(bench.faults(), [(3, FaultKind::Flagged)]);
-    bench.check_missing(&lost);
     for _ in 0..HEALING {
         assert_eq!(bench.faults(), [(3, FaultKind::Flagged)]);
         bench.push_healthy(1);
@@ -190,6 +202,125 @@ fn a_flagged_electrode_is_named_and_flags_alone_are_none() {
     bench.push_frame(&frame, |_| true);
     assert_eq!(bench.faults(), []);
     bench.check_missing(&half);
+}
+
+const NOTHING: [(usize, FaultKind); 0] = [];
+
+/// Frames that no value is good in: not a number, or flagged.
+fn push_dropped(bench: &mut Bench, is_nan: bool) {
+    let frame = if is_nan { vec![f64::NAN; MEASUREMENTS] } else { bench.frame() };
+    bench.push_frame(&frame, |_| is_nan);
+}
+
+/// A value for each measurement that has nothing to do with it.
+fn push_garbage(bench: &mut Bench) {
+    bench.push(&ALL, |random, _| 0.1 * random.normal());
+}
+
+const ALL: [usize; MEASUREMENTS] = {
+    let mut all = [0; MEASUREMENTS];
+    let mut i = 0;
+    while i < MEASUREMENTS {
+        all[i] = i;
+        i += 1;
+    }
+    all
+};
+
+#[test]
+fn dropped_frames_blame_nobody() {
+    for is_nan in [true, false] {
+        let mut bench = Bench::new(33);
+        bench.push_healthy(10);
+        for _ in 0..50 {
+            push_dropped(&mut bench, is_nan);
+            assert_eq!(bench.faults(), NOTHING);
+            assert!(bench.monitor.is_bad());
+            bench.check_missing(&ALL);
+        }
+        bench.push_healthy(1);
+        assert_eq!(bench.faults(), NOTHING);
+        assert!(!bench.monitor.is_bad());
+        bench.check_missing(&[]);
+    }
+}
+
+#[test]
+fn a_garbage_frame_blames_nobody_but_five_do() {
+    for seed in 0..20 {
+        let mut bench = Bench::new(seed);
+        bench.push_healthy(10);
+        for _ in 0..IN_TIME - 1 {
+            push_garbage(&mut bench);
+            assert_eq!(bench.faults(), NOTHING, "{seed}");
+            bench.check_missing(&ALL);
+        }
+        bench.push_healthy(1);
+        bench.check_missing(&[]);
+        for _ in 0..IN_TIME {
+            assert_eq!(bench.faults(), NOTHING, "{seed}");
+            push_garbage(&mut bench);
+        }
+        assert!(bench.faults().len() >= 6, "{seed}: {:?}", bench.faults());
+        // and all of them come back
+        bench.push_healthy(HEALING + 1);
+        assert_eq!(bench.faults(), NOTHING, "{seed}");
+        bench.check_missing(&[]);
+    }
+}
+
+/// Garbage of any size, and a packet that lost its first value: all others are a place too early.
+#[test]
+fn damaged_packets_blame_nobody() {
+    for seed in 0..20 {
+        for size_v in [1e-3, 0.03, 0.3, 10.0] {
+            let mut bench = Bench::new(seed);
+            bench.push_healthy(10);
+            bench.push(&ALL, |random, _| size_v * random.normal());
+            assert_eq!(bench.faults(), NOTHING, "{seed}, {size_v} V");
+        }
+        let mut bench = Bench::new(seed);
+        bench.push_healthy(10);
+        let mut frame = bench.frame();
+        frame.rotate_left(1);
+        bench.push_frame(&frame, |_| true);
+        assert_eq!(bench.faults(), NOTHING, "{seed}");
+        bench.check_missing(&ALL);
+        bench.push_healthy(1);
+        bench.check_missing(&[]);
+    }
+}
+
+/// An electrode that is open stays out while frames are dropped, and each fault is found beside them.
+#[test]
+fn bad_frames_neither_heal_nor_hide_a_fault() {
+    let drops: [fn(&mut Bench); 2] = [|bench| push_dropped(bench, true), push_garbage];
+    for drop in drops {
+        let mut bench = Bench::new(34);
+        bench.push_healthy(10);
+        let lost = bench.of(5);
+        bench.push(&lost, floating);
+        for _ in 0..3 {
+            // longer than it takes to heal, less in a row than blames everybody
+            bench.push_healthy(3);
+            (0..4).for_each(|_| drop(&mut bench));
+            assert_eq!(bench.faults(), [(5, FaultKind::Contradicts)]);
+        }
+        (0..HEALING).for_each(|_| push_dropped(&mut bench, true));
+        bench.push_healthy(HEALING - 9);
+        assert_eq!(bench.faults(), [(5, FaultKind::Contradicts)]);
+        bench.push_healthy(2);
+        assert_eq!(bench.faults(), NOTHING);
+        // flags in every second frame that comes whole
+        let flagged = bench.of(3);
+        for _ in 0..IN_TIME {
+            assert_eq!(bench.faults(), NOTHING);
+            drop(&mut bench);
+            let frame = bench.frame();
+            bench.push_frame(&frame, |i| !flagged.contains(&i));
+        }
+        assert_eq!(bench.faults(), [(3, FaultKind::Flagged)]);
+    }
 }
 
 /// A second of good frames without a break; the measurements that come back are listed once.
@@ -243,4 +374,56 @@ fn push_allocates_nothing() {
     };
     cycle(false);
     cycle(true);
+}
+
+/// Whatever is refused, the monitor goes on as if it had not been asked.
+#[test]
+fn wrong_lengths_and_electrodes_are_refused() {
+    let protocol = PairProtocol::default().protocol().unwrap();
+    let (used, std_v) = ([true; MEASUREMENTS + 1], [NOISE_V; MEASUREMENTS + 1]);
+    let all = MEASUREMENTS;
+    for (u, s) in [(all - 1, all), (all + 1, all), (all, 0), (all, all + 1)] {
+        let refused = FaultMonitor::new(&protocol, &used[..u], &std_v[..s], 0.0).unwrap_err();
+        let wrong = if u == all { s } else { u };
+        assert!(
+            matches!(refused, SkinError::MeasurementCount { found, measurements: MEASUREMENTS, .. }
+                if found == wrong),
+            "{refused}"
+        );
+    }
+    for step_v in [-1.0, f64::NAN, f64::INFINITY] {
+        let refused = FaultMonitor::new(&protocol, &used[..all], &std_v[..all], step_v);
+        assert!(matches!(refused, Err(SkinError::OutOfRange { key: "step_v", .. })));
+    }
+
+    let mut bench = Bench::new(32);
+    bench.push_healthy(10);
+    let lost = bench.of(5);
+    bench.push(&lost, floating);
+    let (before, missing) = (bench.faults(), (0..all).map(|i| bench.monitor.is_missing(i)));
+    let missing: Vec<bool> = missing.collect();
+    let frame = bench.frame();
+    let (monitor, reference) = (&mut bench.monitor, &bench.reference);
+    let is_count = |answer: Result<(), SkinError>| {
+        assert!(matches!(answer, Err(SkinError::MeasurementCount { .. })), "{answer:?}");
+    };
+    is_count(monitor.push(&frame[1..], reference, |_| true, 1.0));
+    is_count(monitor.push(&[], reference, |_| true, 1.0));
+    is_count(monitor.push(&frame, &reference[1..], |_| true, 1.0));
+    for answer in
+        [monitor.push(&frame, reference, |_| true, f64::NAN), monitor.blame(Some(3), f64::INFINITY)]
+    {
+        assert!(matches!(answer, Err(SkinError::OutOfRange { key: "time_s", .. })), "{answer:?}");
+    }
+    let refused = monitor.blame(Some(ELECTRODES), 1.0).unwrap_err();
+    assert_eq!(refused.to_string(), "electrode 16, counted from 0, of a skin with 16 electrodes");
+    assert_eq!(bench.faults(), before);
+    assert!((0..all).all(|i| bench.monitor.is_missing(i) == missing[i]));
+    assert!(bench.monitor.is_missing(all));
+    let fault = ElectrodeFault { electrode: 99, kind: FaultKind::Stuck, since_s: 0.0 };
+    let refused = bench.monitor.with_lasting(&[fault]);
+    assert!(matches!(
+        refused,
+        Err(SkinError::NoSuchElectrode { electrode: 99, electrodes: ELECTRODES })
+    ));
 }

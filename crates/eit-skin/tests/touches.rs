@@ -177,3 +177,44 @@ fn missing_values() {
     assert_eq!(touches.count(), 1);
     check("missing values", &Counts::of(&recording, &touches, QUIET_FRAMES).score(), &ONE);
 }
+
+/// Packets that were dropped and of garbage, while a finger presses: nobody is blamed, the touch is not
+/// valid in them, goes on under its number, and the frame behind is whole.
+#[test]
+fn bad_frames() {
+    let seed = SEEDS[0];
+    let mut recording = bench(seed, 3);
+    let mut random = Random::new(seed);
+    let largest = recording.values.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+    let held: Vec<usize> = (0..recording.values.nrows())
+        .filter(|frame| recording.truth.iter().any(|t| t.frame == *frame && t.force_n > 0.7))
+        .collect();
+    // one in ten of all frames, and one in four of the presses
+    let bad: Vec<usize> =
+        held.iter().skip(3).step_by(4).copied().chain((QUIET_FRAMES..60).step_by(10)).collect();
+    for (k, &frame) in bad.iter().enumerate() {
+        for value in recording.values.row_mut(frame) {
+            *value = if k % 2 == 0 { f64::NAN } else { 0.1 * largest * random.normal() };
+        }
+    }
+    let touches = recording.touches();
+    assert!(touches.faults.is_empty(), "{:?}", touches.faults);
+    for frame in QUIET_FRAMES..recording.values.nrows() {
+        let missing = touches.is_missing.row(frame).iter().filter(|missing| **missing).count();
+        assert_eq!(missing, if bad.contains(&frame) { 208 } else { 0 }, "frame {frame}");
+    }
+    for &frame in held.iter().filter(|frame| held.contains(&(**frame - 1))) {
+        let [row] = touches.rows.iter().filter(|row| row.frame == frame).collect::<Vec<_>>()[..]
+        else {
+            panic!("frame {frame}")
+        };
+        let is_good = !bad.contains(&frame);
+        assert_eq!((row.touch.valid, row.touch.whole), (is_good, is_good), "frame {frame}");
+        assert_ne!(row.touch.state, TouchState::End, "frame {frame}");
+    }
+    assert_eq!(touches.count(), 3);
+    let score = Counts::of(&recording, &touches, QUIET_FRAMES).score();
+    println!("bad frames: {score:?}");
+    assert_eq!((score.ghosts, score.id_changes), (0, 0), "{score:?}");
+    assert!(score.error_m < ONE.error_m, "{score:?}");
+}

@@ -21,6 +21,8 @@ pub struct TrackerSettings {
     pub max_touches: usize,
     /// Strength from which a touch is believed at once, S m^2.
     pub strong_s_m2: f64,
+    /// Worth that such a touch must have, too. Default 4.5: nine in ten are true.
+    pub strong_worth: f64,
     /// Frames that must show a weaker one before it is reported. Default 2.
     pub birth_frames: usize,
     /// Frames in a row that need not show a touch before it ends; until then it is reported and not
@@ -44,6 +46,7 @@ impl TrackerSettings {
         Self {
             max_touches: 8,
             strong_s_m2,
+            strong_worth: 4.5,
             birth_frames: 2,
             forgiven_frames: 1,
             gate_m: 40e-3,
@@ -60,6 +63,7 @@ impl TrackerSettings {
     /// [`InverseError::OutOfRange`].
     pub fn validate(&self) -> Result<(), InverseError> {
         check_positive("strong_s_m2", self.strong_s_m2)?;
+        check_positive("strong_worth", self.strong_worth)?;
         check_positive("gate_m", self.gate_m)?;
         check_positive("method_std_m", self.method_std_m)?;
         check_positive("acceleration_m_s2", self.acceleration_m_s2)?;
@@ -232,8 +236,9 @@ impl TouchTracker {
         let named = self.tracks.iter().filter(|track| track.id.is_some() && !track.ended).count();
         let mut free = self.settings.max_touches.saturating_sub(named);
         for track in self.tracks.iter_mut().filter(|track| track.id.is_none() && track.matched) {
-            let is_sure = track.shown >= self.settings.birth_frames
-                || track.seen.strength_s_m2.abs() >= self.settings.strong_s_m2;
+            let is_strong = track.seen.strength_s_m2.abs() >= self.settings.strong_s_m2
+                && track.seen.worth >= self.settings.strong_worth;
+            let is_sure = is_strong || track.shown >= self.settings.birth_frames;
             if is_sure && free > 0 {
                 track.id = Some(self.next_id);
                 track.begin = Some((track.frames, time_s));

@@ -171,7 +171,7 @@ fn assemble(skin: &Skin, loaded: Loaded, taken: reference::Taken) -> Result<Fram
         }
     }
     let quiet = quiet::find(skin, &loaded.frames, &taken, &used, &mut notes)?;
-    let faults = leave_out_floating(skin, &taken, quiet.as_ref(), &mut used, &mut notes);
+    let faults = leave_out_floating(skin, &taken, quiet.as_ref(), &mut used, &mut notes)?;
     if !used.contains(&true) {
         return Err(SkinError::input(format!("no measurement is usable: {}", notes.join("; "))));
     }
@@ -209,15 +209,15 @@ fn leave_out_floating(
     quiet: Option<&QuietFrames>,
     used: &mut [bool],
     notes: &mut Vec<String>,
-) -> Vec<ElectrodeFault> {
+) -> Result<Vec<ElectrodeFault>, SkinError> {
     let noise = quiet.map(|quiet| noise_std_of_quiet_frames(quiet.values.view()));
-    let Some(Ok(std_v)) = noise else { return Vec::new() };
-    let (found, left_out) = faults::of_reference(&skin.protocol, used, &std_v, &taken.values);
+    let Some(Ok(std_v)) = noise else { return Ok(Vec::new()) };
+    let (found, left_out) = faults::of_reference(&skin.protocol, used, &std_v, &taken.values)?;
     for fault in &found {
         notes.push(format!("electrode {} {}", fault.electrode + 1, fault.kind.words()));
     }
     left_out.into_iter().for_each(|i| used[i] = false);
-    found
+    Ok(found)
 }
 
 const DRIVEN: &str = "on current-carrying electrodes";

@@ -57,8 +57,8 @@ impl TouchFinder {
         let Some(noise) = VoltageNoise::of(fitted)? else { return Ok(None) };
         let keys = &skin.skin.settings.touch;
         let protocol = &skin.skin.protocol;
-        let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v)
-            .with_lasting(&frames.faults);
+        let monitor = FaultMonitor::new(protocol, &frames.used, &noise.std_v, noise.step_v)?
+            .with_lasting(&frames.faults)?;
         let sheet = progress.stage("background", || background::of_reference(fitted, &noise))?;
         let even_s = skin.skin.background_s();
         let (background_s, jacobian, voltages) = match &sheet {
@@ -129,17 +129,14 @@ impl TouchFinder {
         time_s: f64,
     ) -> Result<&[Touch], SkinError> {
         let measurements = self.used.len();
-        if values.len() != measurements {
-            let flags = measurements;
-            return Err(SkinError::FrameLength { values: values.len(), flags, measurements });
-        }
+        SkinError::check_measurements("the frame", values.len(), measurements)?;
         let dt_s = self.before_s.map_or(self.period_s, |before_s| time_s - before_s);
         if !(dt_s > 0.0 && dt_s.is_finite()) {
             let (quantity, must) = ("time since the last frame", "finite and above zero");
             return Err(InverseError::OutOfRange { quantity, value: dt_s, must }.into());
         }
         let Self { used, monitor, detector, reference, .. } = self;
-        monitor.push(values, detector.reference_v(), is_good, time_s);
+        monitor.push(values, detector.reference_v(), is_good, time_s)?;
         for &i in monitor.healed() {
             // where the reference of what comes back is, nobody knows
             detector.set_reference(i, values[i] - detector.touch_of(i));
@@ -147,7 +144,7 @@ impl TouchFinder {
         reference.copy_from_slice(detector.reference_v());
         let is_whole = (0..measurements).all(|i| !used[i] || !monitor.is_missing(i));
         let step = detector.push(values, |i| monitor.is_missing(i), dt_s)?;
-        monitor.blame(step.blamed, time_s);
+        monitor.blame(step.blamed, time_s)?;
         (self.before_s, self.step) = (Some(time_s), Some(step));
         Ok(self.tracker.push(self.detector.touches(), time_s, is_whole)?)
     }

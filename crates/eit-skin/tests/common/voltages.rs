@@ -40,7 +40,7 @@ impl Bench {
         };
         Self {
             reference: quadruples.iter().map(voltage).collect(),
-            monitor: FaultMonitor::new(&protocol, used, noise_v, STEP_V),
+            monitor: FaultMonitor::new(&protocol, used, noise_v, STEP_V).unwrap(),
             quadruples,
             random: Random::new(seed),
             time_s: 0.0,
@@ -73,8 +73,8 @@ impl Bench {
     }
 
     pub fn push_frame(&mut self, frame: &[f64], is_good: impl Fn(usize) -> bool) {
-        self.monitor.push(frame, &self.reference, is_good, self.time_s);
-        self.monitor.blame(None, self.time_s);
+        self.monitor.push(frame, &self.reference, is_good, self.time_s).unwrap();
+        self.monitor.blame(None, self.time_s).unwrap();
         self.time_s += DT_S;
     }
 

@@ -1,0 +1,298 @@
+//! Electrodes that fail, frame by frame.
+
+mod healing;
+
+use super::contradictions::Contradictions;
+use super::flagged::Flagged;
+use super::history::History;
+use super::protocol::Wiring;
+use super::{ElectrodeFault, FaultKind};
+use crate::error::SkinError;
+use eit_fem::Protocol;
+
+/// A frame is a bad one where more than this part of the electrodes contradict: garbage blames every
+/// second to third electrode, which leaves no measurement that could blame those between them; ...
+const GARBAGE: f64 = 1.0 / 3.0;
+/// ... or where this part of the measurements without those electrodes is wrong too. ...
+const UNEXPLAINED: f64 = 0.2;
+/// ... Only so many bad frames in a row blame electrodes.
+const GARBAGE_FRAMES: usize = 5;
+/// Frames in a row that must blame an electrode's gain.
+const BLAMED_FRAMES: usize = 3;
+/// An electrode under suspicion.
+#[derive(Debug, Clone, Copy, Default)]
+struct Suspect {
+    fault: Option<ElectrodeFault>,
+    /// Frames in a row that blame its gain.
+    votes: usize,
+    /// Since when it behaves, seconds.
+    good_since_s: Option<f64>,
+    /// Median of its measurements over their reference at that time.
+    gain: f64,
+}
+
+/// Looks for faulty electrodes in frame after frame.
+#[derive(Debug, Clone)]
+pub struct FaultMonitor {
+    wiring: Wiring,
+    used: Vec<bool>,
+    std_v: Vec<f64>,
+    step_v: f64,
+    suspects: Vec<Suspect>,
+    /// The last frame is left out whole.
+    is_bad: bool,
+    /// Frames in a row in which too much contradicts.
+    garbage_frames: usize,
+    /// Time of the last frame, seconds.
+    before_s: Option<f64>,
+    history: History,
+    flagged: Flagged,
+    contradictions: Contradictions,
+    is_missing: Vec<bool>,
+    healed: Vec<usize>,
+    faults: Vec<ElectrodeFault>,
+    lasting: Vec<ElectrodeFault>,
+    gains: Vec<f64>,
+}
+
+impl FaultMonitor {
+    /// For frames of a protocol: which measurements count, the noise of a frame's voltages and the
+    /// converter's step (0 where unknown), volts.
+    ///
+    /// # Errors
+    ///
+    /// Lists of another length than the protocol has measurements, a step that is below zero or no
+    /// number.
+    pub fn new(
+        protocol: &Protocol,
+        used: &[bool],
+        std_v: &[f64],
+        step_v: f64,
+    ) -> Result<Self, SkinError> {
+        let measurements = protocol.measurements();
+        SkinError::check_measurements("used", used.len(), measurements)?;
+        SkinError::check_measurements("std_v", std_v.len(), measurements)?;
+        if !(step_v >= 0.0 && step_v.is_finite()) {
+            let (key, must) = ("step_v", "finite and not below zero");
+            return Err(SkinError::OutOfRange { key, value: step_v, must });
+        }
+        let wiring = Wiring::new(protocol, used);
+        let electrodes = wiring.of_electrode.len();
+        Ok(Self {
+            suspects: vec![Suspect::default(); electrodes],
+            is_bad: false,
+            garbage_frames: 0,
+            before_s: None,
+            used: used.to_vec(),
+            std_v: std_v.to_vec(),
+            step_v,
+            history: History::new(measurements, electrodes),
+            flagged: Flagged::new(electrodes),
+            contradictions: Contradictions::new(measurements, electrodes),
+            is_missing: vec![false; measurements],
+            healed: Vec::with_capacity(measurements),
+            faults: Vec::with_capacity(electrodes),
+            lasting: Vec::new(),
+            gains: Vec::with_capacity(measurements),
+            wiring,
+        })
+    }
+
+    /// Faults that last as long as the reference, whose measurements do not count: listed with the others.
+    ///
+    /// # Errors
+    ///
+    /// An electrode that the protocol does not have.
+    pub fn with_lasting(mut self, faults: &[ElectrodeFault]) -> Result<Self, SkinError> {
+        faults.iter().try_for_each(|fault| self.check_electrode(fault.electrode))?;
+        self.lasting = faults.to_vec();
+        self.faults.reserve(faults.len());
+        self.leave_out();
+        Ok(self)
+    }
+
+    /// Measurements that involve each electrode and count.
+    pub fn of_electrode(&self) -> &[Vec<usize>] {
+        &self.wiring.of_electrode
+    }
+
+    /// Reciprocal of each measurement; itself where there is none.
+    pub fn reciprocal(&self) -> &[usize] {
+        &self.wiring.reciprocal
+    }
+
+    /// Takes a frame `[measurement]`, volts, with the reference it is held against. Afterwards
+    /// [`is_missing`](Self::is_missing) says what to leave out of it.
+    ///
+    /// # Errors
+    ///
+    /// A frame or reference of another length than the protocol has measurements, a time that is no
+    /// number. The monitor is then as before.
+    pub fn push(
+        &mut self,
+        values: &[f64],
+        reference: &[f64],
+        is_good: impl Fn(usize) -> bool,
+        time_s: f64,
+    ) -> Result<(), SkinError> {
+        SkinError::check_measurements("the frame", values.len(), self.used.len())?;
+        SkinError::check_measurements("the reference", reference.len(), self.used.len())?;
+        check_time(time_s)?;
+        for (i, missing) in self.is_missing.iter_mut().enumerate() {
+            *missing = self.used[i] && !(is_good(i) && values[i].is_finite());
+        }
+        let Self { contradictions, wiring, std_v, used, is_missing, .. } = self;
+        let counts = |i: usize| used[i] && !is_missing[i];
+        contradictions.compare(&wiring.reciprocal, std_v, [values, reference], counts);
+        self.healed.clear();
+        self.is_bad =
+            !(0..self.used.len()).any(|i| self.used[i] && !self.is_missing[i]) || self.is_garbage();
+        if self.is_bad {
+            self.pass_over(time_s);
+        } else {
+            self.condemn_all(values, time_s);
+            self.heal(values, reference, time_s);
+        }
+        self.before_s = Some(time_s);
+        self.leave_out();
+        Ok(())
+    }
+
+    /// Whether the frame at hand is left out whole: it has no good value, or more contradicts
+    /// in it than a third of the electrodes explain, which is sooner a damaged packet than so many faults
+    /// at once.
+    pub fn is_bad(&self) -> bool {
+        self.is_bad
+    }
+
+    /// The detector of touches says whose gain explains the frame far better than touches do.
+    ///
+    /// # Errors
+    ///
+    /// An electrode that the protocol does not have, a time that is no number. The monitor is then as
+    /// before.
+    pub fn blame(&mut self, electrode: Option<usize>, time_s: f64) -> Result<(), SkinError> {
+        electrode.map_or(Ok(()), |e| self.check_electrode(e))?;
+        check_time(time_s)?;
+        if self.is_bad {
+            // it says nothing of anybody
+            return Ok(());
+        }
+        for (e, suspect) in self.suspects.iter_mut().enumerate() {
+            suspect.votes = if electrode == Some(e) { suspect.votes + 1 } else { 0 };
+            if suspect.votes >= BLAMED_FRAMES && suspect.fault.is_none() {
+                suspect.fault =
+                    Some(ElectrodeFault { electrode: e, kind: FaultKind::Drifts, since_s: time_s });
+                suspect.good_since_s = None;
+            }
+        }
+        self.leave_out();
+        Ok(())
+    }
+
+    /// Whether a measurement of the last frame is to be left out: it is bad, or its electrode is, or
+    /// the protocol does not have it.
+    pub fn is_missing(&self, measurement: usize) -> bool {
+        self.is_missing.get(measurement).copied().unwrap_or(true)
+    }
+
+    /// Electrodes that are left out now, by ascending number.
+    pub fn faults(&self) -> &[ElectrodeFault] {
+        &self.faults
+    }
+
+    /// Measurements that came back with the last frame, and whose reference nobody knows.
+    pub fn healed(&self) -> &[usize] {
+        &self.healed
+    }
+
+    fn check_electrode(&self, electrode: usize) -> Result<(), SkinError> {
+        let electrodes = self.suspects.len();
+        match electrode < electrodes {
+            true => Ok(()),
+            false => Err(SkinError::NoSuchElectrode { electrode, electrodes }),
+        }
+    }
+
+    /// Whether too much contradicts for faults of electrodes to be the reason, for the first few frames
+    /// in a row.
+    fn is_garbage(&mut self) -> bool {
+        self.accuse();
+        let Self { wiring, suspects, contradictions, is_missing, used, .. } = self;
+        let accused = contradictions.accused();
+        let is_out = |e: &usize| suspects[*e].fault.is_some() || accused.contains(e);
+        let (mut left, mut wrong) = (0_usize, 0_usize);
+        for (i, electrodes) in wiring.of_measurement.iter().enumerate() {
+            if used[i] && !is_missing[i] && !electrodes.iter().any(is_out) {
+                left += 1;
+                wrong += usize::from(contradictions.is_wrong[i]);
+            }
+        }
+        let of_electrode = wiring.of_electrode.iter().zip(suspects.iter());
+        let is_judged =
+            |(of_e, suspect): &(&Vec<usize>, &Suspect)| !of_e.is_empty() && suspect.fault.is_none();
+        let judged = of_electrode.filter(is_judged).count();
+        let is_garbage = !accused.is_empty()
+            && (accused.len() as f64 > GARBAGE * judged as f64
+                || wrong as f64 > UNEXPLAINED * left as f64);
+        self.garbage_frames = if is_garbage { self.garbage_frames + 1 } else { 0 };
+        is_garbage && self.garbage_frames < GARBAGE_FRAMES
+    }
+
+    /// Looks for what is new in a frame that is not bad.
+    fn condemn_all(&mut self, values: &[f64], time_s: f64) {
+        let Self { wiring, used, is_missing, history, flagged, .. } = self;
+        history.push(values);
+        flagged.push(wiring, used, is_missing);
+        history.look_for_stuck(wiring, used, self.step_v);
+        for e in 0..self.suspects.len() {
+            if self.flagged.is_faulty(e) {
+                self.condemn(e, FaultKind::Flagged, time_s);
+            }
+            if self.history.is_stuck(e) {
+                self.condemn(e, FaultKind::Stuck, time_s);
+            }
+        }
+        // anew: who is stuck or flagged is out by now
+        self.accuse();
+        for k in 0..self.contradictions.accused().len() {
+            let electrode = self.contradictions.accused()[k];
+            self.condemn(electrode, FaultKind::Contradicts, time_s);
+        }
+    }
+
+    fn accuse(&mut self) {
+        let Self { contradictions, wiring, is_missing, suspects, .. } = self;
+        contradictions.accuse(wiring, is_missing, |e| suspects[e].fault.is_some());
+    }
+
+    fn condemn(&mut self, electrode: usize, kind: FaultKind, since_s: f64) {
+        let suspect = &mut self.suspects[electrode];
+        suspect.good_since_s = None;
+        suspect.fault.get_or_insert(ElectrodeFault { electrode, kind, since_s });
+    }
+
+    /// Measurements of faulty electrodes, and pairs that contradict themselves alone.
+    fn leave_out(&mut self) {
+        self.faults.clear();
+        self.faults.extend_from_slice(&self.lasting);
+        self.faults.extend(self.suspects.iter().filter_map(|suspect| suspect.fault));
+        for i in 0..self.used.len() {
+            let faulty = |e: &usize| self.suspects[*e].fault.is_some();
+            let of_i = &self.wiring.of_measurement[i];
+            let is_bad = self.is_bad && self.used[i];
+            if is_bad || self.contradictions.is_wrong[i] || of_i.iter().any(faulty) {
+                self.is_missing[i] = true;
+            }
+        }
+        let Self { healed, is_missing, .. } = self;
+        healed.retain(|&i| !is_missing[i]);
+    }
+}
+
+fn check_time(time_s: f64) -> Result<(), SkinError> {
+    match time_s.is_finite() {
+        true => Ok(()),
+        false => Err(SkinError::OutOfRange { key: "time_s", value: time_s, must: "finite" }),
+    }
+}

@@ -1,0 +1,68 @@
+//! Electrodes that behave again.
+
+use super::{FaultMonitor, Suspect};
+use crate::faults::FaultKind;
+
+/// Time for which a faulty electrode must behave to be used again, seconds.
+const HEALED_S: f64 = 1.0;
+/// Relative change over that time below which a gain has stopped drifting.
+const STILL: f64 = 1e-3;
+
+impl FaultMonitor {
+    /// Takes electrodes back that have behaved for a while.
+    pub(super) fn heal(&mut self, values: &[f64], reference: &[f64], time_s: f64) {
+        for e in 0..self.suspects.len() {
+            let Some(fault) = self.suspects[e].fault else { continue };
+            let gain = self.gain_of(e, values, reference);
+            let before = self.suspects[e].gain;
+            let mut of_e = self.wiring.of_electrode[e].iter();
+            let behaves = match fault.kind {
+                FaultKind::Contradicts => self.wrong_part(e).is_some_and(|part| part < 0.1),
+                FaultKind::Stuck => of_e.any(|&i| self.history.span(i) > 0.0),
+                FaultKind::Flagged => of_e.any(|&i| !self.is_missing[i]),
+                FaultKind::Drifts => (gain - before).abs() < STILL,
+            };
+            let suspect = &mut self.suspects[e];
+            let since = match (behaves, suspect.good_since_s) {
+                (true, Some(since)) => since,
+                _ => {
+                    (suspect.good_since_s, suspect.gain) = (Some(time_s), gain);
+                    time_s
+                }
+            };
+            if time_s - since >= HEALED_S {
+                *suspect = Suspect::default();
+                self.healed.extend_from_slice(&self.wiring.of_electrode[e]);
+            }
+        }
+    }
+
+    /// Part of a faulty electrode's measurements that are wrong: of those without another faulty
+    /// electrode, else of all; `None` where they are missing, which heals nobody.
+    fn wrong_part(&self, electrode: usize) -> Option<f64> {
+        let is_out = |e: usize| self.suspects[e].fault.is_some();
+        let Self { contradictions, wiring, is_missing, .. } = self;
+        let alone = contradictions.wrong_part(wiring, electrode, is_missing, is_out);
+        alone.or_else(|| contradictions.wrong_part(wiring, electrode, is_missing, |_| false))
+    }
+
+    /// Median of an electrode's measurements over their reference.
+    fn gain_of(&mut self, electrode: usize, values: &[f64], reference: &[f64]) -> f64 {
+        self.gains.clear();
+        let ratios = self.wiring.of_electrode[electrode].iter().map(|&i| values[i] / reference[i]);
+        self.gains.extend(ratios.filter(|r| r.is_finite()));
+        if self.gains.is_empty() {
+            return f64::NAN;
+        }
+        let middle = self.gains.len() / 2;
+        *self.gains.select_nth_unstable_by(middle, f64::total_cmp).1
+    }
+
+    /// A bad frame neither blames nor heals: the time of faulty electrodes that behave stands still.
+    pub(super) fn pass_over(&mut self, time_s: f64) {
+        let passed_s = self.before_s.map_or(0.0, |before_s| time_s - before_s);
+        for suspect in &mut self.suspects {
+            suspect.good_since_s = suspect.good_since_s.map(|since_s| since_s + passed_s);
+        }
+    }
+}
