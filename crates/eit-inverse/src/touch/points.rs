@@ -21,7 +21,8 @@ pub struct TrackerSettings {
     pub max_touches: usize,
     /// Strength from which a touch is believed at once, S m^2.
     pub strong_s_m2: f64,
-    /// Worth that such a touch must have, too. Default 4.5: nine in ten are true.
+    /// Worth that such a touch must have where another is more than twice as strong, whose fit leaves
+    /// something beside it. Default 4.5: nine in ten are true.
     pub strong_worth: f64,
     /// Frames that must show a weaker one before it is reported. Default 2.
     pub birth_frames: usize,
@@ -235,9 +236,12 @@ impl TouchTracker {
     fn name(&mut self, time_s: f64) {
         let named = self.tracks.iter().filter(|track| track.id.is_some() && !track.ended).count();
         let mut free = self.settings.max_touches.saturating_sub(named);
+        let matched = self.tracks.iter().filter(|track| track.matched);
+        let strongest = matched.map(|t| t.seen.strength_s_m2.abs()).fold(0.0, f64::max);
         for track in self.tracks.iter_mut().filter(|track| track.id.is_none() && track.matched) {
-            let is_strong = track.seen.strength_s_m2.abs() >= self.settings.strong_s_m2
-                && track.seen.worth >= self.settings.strong_worth;
+            let strength = track.seen.strength_s_m2.abs();
+            let is_strong = strength >= self.settings.strong_s_m2
+                && (2.0 * strength >= strongest || track.seen.worth >= self.settings.strong_worth);
             let is_sure = is_strong || track.shown >= self.settings.birth_frames;
             if is_sure && free > 0 {
                 track.id = Some(self.next_id);

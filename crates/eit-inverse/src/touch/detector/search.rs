@@ -26,6 +26,13 @@ const PRICE: f64 = 1.6;
 /// Touches nearer than this part of the least distance are one.
 const MERGE: f64 = 0.7;
 
+/// A press is no bell to the last percent: what is nearer to a stronger touch than this part of the least
+/// distance ...
+const BESIDE: f64 = 1.2;
+
+/// ... and fainter than this part of it belongs to it.
+const BESIDE_SHARE: f64 = 0.35;
+
 /// A touch this near to one of the frame before goes on, metres.
 const SAME_M: f64 = 15e-3;
 
@@ -181,7 +188,8 @@ impl Search {
                     || gain < settings.least_gain
                     || best.strengths[k] < faint
                     || best.strengths[k] < settings.least_share_of_here * here(k)
-                    || nearest_stronger(&best, k) < MERGE * settings.apart_m
+                    || is_beside(&best, k, MERGE * settings.apart_m, 1.0)
+                    || is_beside(&best, k, BESIDE * settings.apart_m, BESIDE_SHARE)
             };
             let worth = |k: &usize| best.worth[*k];
             let dropped =
@@ -296,9 +304,9 @@ impl Search {
     }
 }
 
-/// Distance to the nearest touch that is stronger.
-fn nearest_stronger(fit: &Fit, k: usize) -> f64 {
-    let stronger = (0..fit.spots.len()).filter(|&i| fit.strengths[i] > fit.strengths[k]);
-    let way = |i: usize| distance_m(fit.spots[i].position_m, fit.spots[k].position_m);
-    stronger.map(way).fold(f64::INFINITY, f64::min)
+/// Whether a touch is nearer than so to one of which it has less than this share.
+fn is_beside(fit: &Fit, k: usize, near_m: f64, share: f64) -> bool {
+    let stronger = (0..fit.spots.len()).filter(|&i| fit.strengths[k] < share * fit.strengths[i]);
+    let mut way = stronger.map(|i| distance_m(fit.spots[i].position_m, fit.spots[k].position_m));
+    way.any(|way_m| way_m < near_m)
 }
