@@ -17,6 +17,7 @@ pub mod sequence;
 mod sizes;
 mod stage;
 pub mod stages;
+mod touches;
 mod voltage_error;
 
 pub use reactive::of_reactive;
@@ -83,6 +84,8 @@ impl Plan {
         let is_live = skin.instrument.is_some() && skin.settings.recording.files.is_none();
         let recording = sequence::read(&skin, progress);
         let frames = recording.as_ref().map(|frames| frames.values.nrows());
+        // a reference that is yet to be taken shows the noise
+        let has_quiet = recording.as_ref().map(|frames| frames.quiet.is_some());
         let (voltages, path) = progress.stage("voltages", || untouched(&skin))?;
         skin.settings.reconstruction = measured::in_frame_time(&skin, frames, is_live, &voltages)?;
         let choice = method::choose(&skin.settings, method, frames)?;
@@ -93,10 +96,14 @@ impl Plan {
         let mut stages = stages::of(&skin, choice.method, sequence, &machine, row);
         stages.extend(stages::linearisation(&skin, path, &machine));
         stages.extend(net::of(&skin)?);
+        let noise_is_known = skin.settings.noise.additive_v.is_some() || has_quiet != Some(false);
+        if noise_is_known {
+            stages.extend(touches::of(&skin, &machine));
+        }
         let error = progress.stage("error of the mesh", || VoltageError::of(&skin, &voltages))?;
         Ok(Self {
             name: skin.name.clone(),
-            left_out: left_out::of(&skin, choice.method, sequence),
+            left_out: left_out::of(&skin, choice.method, sequence, noise_is_known),
             words: method_words::of(&skin, choice.method, sequence),
             choice,
             frames,

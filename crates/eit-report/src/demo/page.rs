@@ -180,7 +180,7 @@ fn latency(shown: &[Shown], files: &[File]) -> Section {
 fn left_out_section(shown: &[Shown], model: &LiveModel) -> Section {
     let frames = shown.first().map_or(0, |shown| shown.seen.frames.len());
     let sequence = Sequence::Frames(frames);
-    let mut list: Vec<(String, String)> = left_out::of(model.skin(), Method::StTv, sequence)
+    let mut list: Vec<(String, String)> = left_out::of(model.skin(), Method::StTv, sequence, true)
         .into_iter()
         .map(|part| (part.what.to_owned(), part.why))
         .collect();

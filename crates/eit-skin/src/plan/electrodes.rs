@@ -11,36 +11,41 @@ const RIM_MOVEMENT_S: f64 = 3e-8;
 const PATCH_MOVEMENT_S: f64 = 1.6e-7;
 /// Times that the Jacobian is written: divided by voltages, by the noise, without the displacements.
 const COPIES: f64 = 3.0;
-/// Times that it is done: for the images, and for the touches.
-const TIMES: f64 = 2.0;
-
 /// The stage; none where electrodes stay.
 pub fn of(skin: &Skin) -> Option<Stage> {
     let movement_m = skin.settings.reconstruction.electrode_movement_m?;
     let (m, n) = (skin.protocol.measurements() as f64, skin.model.elements() as f64);
-    let (cost, nodes) = (skin.model.cost(), skin.mesh.surface().nodes().len() as f64);
     let unknowns = 2.0 * skin.protocol.electrodes() as f64;
-    // voltages and fields once more
-    let solve = cost.factor_flops + 2.0 * cost.factor_entries as f64 * cost.field_solves as f64;
-    let is_patch = |electrode: &Electrode| matches!(electrode, Electrode::Patch(_));
-    let search_s = match skin.mesh.electrodes().iter().any(is_patch) {
-        true => PATCH_MOVEMENT_S,
-        false => RIM_MOVEMENT_S,
-    };
     // parts of each column in the directions and back, and those directions
     let taken = 4.0 * m * unknowns * n + 10.0 * m * unknowns * unknowns;
     let copies_s = COPIES * 8.0 * m * n / store_rate(8.0 * m * n);
     Some(Stage {
         name: "electrode movement",
         size: format!("[{m}, {unknowns}], taken out of [{m}, {n}]"),
-        flops: solve + TIMES * taken,
-        bytes: TIMES * 8.0 * m * n,
-        time_s: solve / SWEEP_FLOPS_PER_S
-            + search_s * nodes * unknowns
-            + TIMES * (taken / PRODUCT_FLOPS_PER_S + copies_s),
+        flops: solve_flops(skin) + taken,
+        bytes: 8.0 * m * n,
+        time_s: jacobian_s(skin) + taken / PRODUCT_FLOPS_PER_S + copies_s,
         why: format!(
             "each electrode may move by {:.2} mm along and across its rim: nuisance parameters",
             1e3 * movement_m
         ),
     })
+}
+
+/// Voltages and fields once more.
+fn solve_flops(skin: &Skin) -> f64 {
+    let cost = skin.model.cost();
+    cost.factor_flops + 2.0 * cost.factor_entries as f64 * cost.field_solves as f64
+}
+
+/// Time of the derivatives by displacements, seconds.
+pub(super) fn jacobian_s(skin: &Skin) -> f64 {
+    let is_patch = |electrode: &Electrode| matches!(electrode, Electrode::Patch(_));
+    let search_s = match skin.mesh.electrodes().iter().any(is_patch) {
+        true => PATCH_MOVEMENT_S,
+        false => RIM_MOVEMENT_S,
+    };
+    let nodes = skin.mesh.surface().nodes().len() as f64;
+    let unknowns = 2.0 * skin.protocol.electrodes() as f64;
+    solve_flops(skin) / SWEEP_FLOPS_PER_S + search_s * nodes * unknowns
 }

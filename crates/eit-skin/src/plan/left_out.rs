@@ -32,7 +32,7 @@ pub(super) fn listed(list: Vec<(&'static str, String)>) -> Vec<LeftOut> {
 }
 
 /// What the scene does not use, and why.
-pub fn of(skin: &Skin, method: Method, sequence: Sequence) -> Vec<LeftOut> {
+pub fn of(skin: &Skin, method: Method, sequence: Sequence, noise_is_known: bool) -> Vec<LeftOut> {
     let cost = skin.model.cost();
     let patterns = skin.protocol.stimulations_a().nrows();
     let (m, products) = (skin.protocol.measurements(), cost.field_products);
@@ -62,9 +62,14 @@ pub fn of(skin: &Skin, method: Method, sequence: Sequence) -> Vec<LeftOut> {
     if skin.settings.reconstruction.electrode_movement_m.is_none()
         && method != Method::GaussNewtonAbsolute
     {
-        let why = "no reconstruction.electrode_movement_m: electrodes are taken to stay; where the rim of \
-                   a fabric gives way, touches come with spots at electrodes";
+        let why = "no reconstruction.electrode_movement_m: images take electrodes to stay; where the rim of \
+                   a fabric gives way, they show spots at electrodes (touches reckon with 0.2 mm)";
         list.push(("electrode movement", why.to_owned()));
+    }
+    if !noise_is_known {
+        let why =
+            "the recording shows no noise to tell them from: [noise], or a reference of 8 frames";
+        list.push(("touches", why.to_owned()));
     }
     if skin.settings.denoise.is_none() {
         list.push(("U-net", "the scene has no [denoise]".to_owned()));
