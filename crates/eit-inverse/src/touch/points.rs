@@ -14,12 +14,18 @@ const NEVER: f64 = 1e7;
 /// Touches of a frame that are always taken: those of a [`TouchDetector`](super::TouchDetector).
 const LEAST_ROOM: usize = 16;
 
+/// Standard deviations that a strength must have to be believed at once. What a finger drags along
+/// (fabric, electrodes) leaves spots at the rim for a frame that are strong but hardly known, to a third
+/// of their strength or worse; a finger's own is known to a few percent.
+const KNOWN: f64 = 4.0;
+
 /// Settings of a [`TouchTracker`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackerSettings {
     /// Touches at once.
     pub max_touches: usize,
-    /// Strength from which a touch is believed at once, S m^2.
+    /// Strength from which a touch is believed at once, S m^2; it must also be four of its own
+    /// standard deviations.
     pub strong_s_m2: f64,
     /// Frames that must show a weaker one before it is reported. Default 2.
     pub birth_frames: usize,
@@ -232,8 +238,10 @@ impl TouchTracker {
         let named = self.tracks.iter().filter(|track| track.id.is_some() && !track.ended).count();
         let mut free = self.settings.max_touches.saturating_sub(named);
         for track in self.tracks.iter_mut().filter(|track| track.id.is_none() && track.matched) {
+            let DetectedTouch { strength_s_m2, strength_std_s_m2, .. } = track.seen;
+            let least_s_m2 = self.settings.strong_s_m2.max(KNOWN * strength_std_s_m2);
             let is_sure = track.shown >= self.settings.birth_frames
-                || track.seen.strength_s_m2.abs() >= self.settings.strong_s_m2;
+                || (strength_s_m2.abs() >= least_s_m2 && strength_std_s_m2.is_finite());
             if is_sure && free > 0 {
                 track.id = Some(self.next_id);
                 track.begin = Some((track.frames, time_s));
