@@ -77,11 +77,12 @@ fn touch_figures_are_sane_against_the_bound() {
         let [without, with] = both(of, "invented a frame");
         assert!(without > 0.3 && with < 0.3 * without, "{of}: {without} {with}");
     }
-    // touches take electrodes for movable whatever the images do: measured 2 invented in 30 frames, 1.6 mm
+    // touches take electrodes for movable whatever the images do: measured none invented in 30 frames,
+    // nor in 300 of ten other seeds, 1.6 mm
     let invented = both("touches", "invented a frame");
     let position = both("touches", "position, mm");
     let found = both("touches", "found");
-    assert!(invented.iter().all(|x| *x < 0.1), "{invented:?}");
+    assert!(invented.iter().all(|x| *x < 0.05), "{invented:?}");
     assert!(position.iter().all(|x| *x < 4.0), "{position:?}");
     assert!(found.iter().all(|x| *x > 0.95), "{found:?}");
     // where nothing moves, the directions that are given away cost a millimetre or two: measured 1.3

@@ -24,7 +24,7 @@ fn touch(x_m: f64, y_m: f64, strength_s_m2: f64) -> DetectedTouch {
         position_m: [x_m, y_m, 0.0],
         position_covariance_m2,
         strength_s_m2,
-        strength_std_s_m2: 1e-7,
+        strength_std_s_m2: 0.01 * STRONG,
         peak_s: strength_s_m2 / 1.5e-4,
         worth: 5.0,
     }
@@ -144,6 +144,20 @@ fn strong_touches_are_born_at_once() {
         assert_eq!((born.state, born.intensity_s_m2), (TouchState::Begin, strength));
         // it has been born, weak or not
         assert_eq!(only(&bench.push(&[touch(0.0, 0.0, WEAK)])).state, TouchState::Hold);
+    }
+}
+
+/// What is strong, but not four of its own standard deviations, is believed when shown often enough.
+#[test]
+fn strong_touches_that_are_hardly_known_must_be_shown_again() {
+    let known_to = |strength_std_s_m2: f64| DetectedTouch {
+        strength_std_s_m2,
+        ..touch(0.0, 0.1, 2.0 * STRONG)
+    };
+    for (std, is_born) in [(0.49 * STRONG, true), (0.51 * STRONG, false), (f64::NAN, false)] {
+        let mut bench = Bench::new(|_| ());
+        assert_eq!(bench.push(&[known_to(std)]).len(), usize::from(is_born), "{std:e}");
+        assert_eq!(bench.push(&[known_to(std)]).len(), 1, "{std:e}");
     }
 }
 

@@ -92,9 +92,8 @@ fn worths(
     chosen: &ChosenHyperparameter,
     at: [f64; 2],
 ) -> [Worth; 2] {
-    let falls = |pair: &[f64; 2]| pair[0] > 1.0 && pair[1] <= 1.0;
-    let pairs = chosen.curve.windows(2);
-    let last = pairs.filter(|w| falls(&[w[0].criterion, w[1].criterion])).next_back().unwrap();
+    let mut pairs = chosen.curve.windows(2);
+    let last = pairs.rfind(|w| w[0].criterion > 1.0 && w[1].criterion <= 1.0).unwrap();
     let skin = &fitted.skin.skin;
     let centroids = skin.mesh.surface().centroids();
     let raster = fitted.skin.raster(&mut Progress::silent()).unwrap().clone();

@@ -14,12 +14,18 @@ const NEVER: f64 = 1e7;
 /// Touches of a frame that are always taken: those of a [`TouchDetector`](super::TouchDetector).
 const LEAST_ROOM: usize = 16;
 
+/// Standard deviations that a strength must have to be believed at once. What a finger drags along
+/// (fabric, electrodes) leaves spots at the rim for a frame that are strong but hardly known, to a third
+/// of their strength or worse; a finger's own is known to a few percent.
+const KNOWN: f64 = 4.0;
+
 /// Settings of a [`TouchTracker`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrackerSettings {
     /// Touches at once.
     pub max_touches: usize,
-    /// Strength from which a touch is believed at once, S m^2.
+    /// Strength from which a touch is believed at once, S m^2; it must also be four of its own
+    /// standard deviations.
     pub strong_s_m2: f64,
     /// Worth that such a touch must have where another is more than twice as strong, whose fit leaves
     /// something beside it. Default 4.5: nine in ten are true.
@@ -239,9 +245,12 @@ impl TouchTracker {
         let matched = self.tracks.iter().filter(|track| track.matched);
         let strongest = matched.map(|t| t.seen.strength_s_m2.abs()).fold(0.0, f64::max);
         for track in self.tracks.iter_mut().filter(|track| track.id.is_none() && track.matched) {
-            let strength = track.seen.strength_s_m2.abs();
-            let is_strong = strength >= self.settings.strong_s_m2
-                && (2.0 * strength >= strongest || track.seen.worth >= self.settings.strong_worth);
+            let DetectedTouch { strength_s_m2, strength_std_s_m2, worth, .. } = track.seen;
+            let strength = strength_s_m2.abs();
+            let least_s_m2 = self.settings.strong_s_m2.max(KNOWN * strength_std_s_m2);
+            let is_strong = strength >= least_s_m2
+                && strength_std_s_m2.is_finite()
+                && (2.0 * strength >= strongest || worth >= self.settings.strong_worth);
             let is_sure = is_strong || track.shown >= self.settings.birth_frames;
             if is_sure && free > 0 {
                 track.id = Some(self.next_id);

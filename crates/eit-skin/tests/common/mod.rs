@@ -11,7 +11,7 @@ use eit_skin::eit_mesh::Raster;
 use eit_skin::ndarray::Array2;
 use eit_skin::scene::{Reference, Scene};
 use eit_skin::touches::{Touches, touches};
-use eit_skin::{LinearisedSkin, MeshOverride, Progress, Skin};
+use eit_skin::{FittedFrames, LinearisedSkin, MeshOverride, Progress, Skin};
 use script::{QUIET_FRAMES, RATE_HZ};
 use std::sync::{Arc, LazyLock};
 
@@ -61,12 +61,16 @@ impl Recording {
         Self { values: made.frames_v, truth: made.truth.touches }
     }
 
-    /// Touches as every user of the library gets them.
-    pub fn touches(&self) -> Touches {
+    /// Held against the model, with nothing set.
+    pub fn fitted(&self) -> FittedFrames {
         let linearised = &BENCH.linearised;
         let frames = linearised.skin.frames_of_values(&self.values).unwrap();
-        let fitted = linearised.fit(frames).unwrap();
-        touches(&fitted, &mut Progress::silent()).unwrap().unwrap()
+        linearised.fit(frames).unwrap()
+    }
+
+    /// Touches as every user of the library gets them.
+    pub fn touches(&self) -> Touches {
+        touches(&self.fitted(), &mut Progress::silent()).unwrap().unwrap()
     }
 
     /// No current flows through the electrode in these frames and its inputs float: what it drives or
