@@ -182,8 +182,6 @@ fn what_cannot_be_together_is_refused() {
     let absolute = format!("method = \"gauss-newton-absolute\"\n{KEY}");
     let says = refuse(&["plan", text(&key(&absolute))]);
     assert!(says.contains("movement is taken out of differences"), "{says}");
-    let says = refuse(&["plan", text(&key(&format!("{KEY}\n[denoise]\nweights = \"default\"")))]);
-    assert!(says.contains("nets have learnt from images in which electrodes moved"), "{says}");
     let quadratic = SMALL.replace("[mesh]", "[mesh]\nelements = \"quadratic\"");
     let scene = write_scene(folder.path(), &with(&quadratic, KEY));
     let says = refuse(&["plan", text(&scene)]);

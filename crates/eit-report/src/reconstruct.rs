@@ -91,10 +91,12 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
         found.leave_out(&mut fitted.frames);
     }
     let task = Task { fitted: &fitted, method: choice.method, before: None };
-    let mut made = make(&task, progress)?;
+    let (mut made, without) = make(&task, progress)?;
     if let Some(net) = &net {
         out.write("raw.npy", |w| write_npy(&made.images, w))?;
-        denoise(net, &fitted, &mut made, progress)?;
+        // an image is held against the data it came from
+        let of_images = without.as_ref().map_or(&fitted, |without| &without.fitted);
+        denoise(net, of_images, &mut made, progress)?;
     }
     let FittedFrames { skin: linearised, frames, .. } = &fitted;
     let mut notes = frames.notes.clone();
@@ -153,15 +155,18 @@ fn denoise(
 }
 
 /// Images by the task's method, of data without what moving electrodes explain where the scene says
-/// that they move.
-fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, ReportError> {
+/// that they move; and those data.
+fn make(
+    task: &Task<'_>,
+    progress: &mut Progress,
+) -> Result<(Made, Option<WithoutMovement>), ReportError> {
     let of_method = |task: &Task<'_>, progress: &mut Progress| match task.method {
         Method::StTv | Method::Tv => total_variation::make(task, progress),
         _ => gauss_newton::make(task, progress),
     };
     let fitted = task.fitted;
     let Some(without) = fitted.without_movement(task.method, progress)? else {
-        return of_method(task, progress);
+        return Ok((of_method(task, progress)?, None));
     };
     let before = Some(Before { fitted, without: &without });
     let left = Task { fitted: &without.fitted, before, ..*task };
@@ -171,7 +176,7 @@ fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, ReportError> {
     made.notes.extend(without.note.clone());
     let movement_m = fitted.skin.skin.settings.reconstruction.electrode_movement_m;
     made.report["electrode_movement_m"] = json!(movement_m);
-    Ok(made)
+    Ok((made, Some(without)))
 }
 
 impl Task<'_> {

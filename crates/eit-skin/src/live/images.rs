@@ -66,7 +66,8 @@ impl LiveImages {
     pub fn new(model: &LiveModel, fitted: &FittedFrames) -> Result<Self, SkinError> {
         let (method, skin) = (model.method, &fitted.skin);
         let mut silent = Progress::silent();
-        let freed = match method.is_tv() {
+        // total variation takes white differences, and a net is held against them
+        let freed = match method.is_tv() || model.net.is_some() {
             true => fitted.without_movement(method, &mut silent)?,
             false => None,
         };
@@ -92,7 +93,7 @@ impl LiveImages {
         if model.net.is_some() {
             words += ", U-net";
         }
-        let net = model.net.as_ref().map(|net| LiveNet::new(net, fitted)).transpose()?;
+        let net = model.net.as_ref().map(|net| LiveNet::new(net, left)).transpose()?;
         let raster = skin.raster(&mut silent)?.clone();
         let used = fitted.frames.used.clone();
         let pixels = raster.masked_pixels().len();

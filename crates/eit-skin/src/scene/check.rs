@@ -51,10 +51,7 @@ impl Scene {
             return Ok(());
         }
         let absolute = Method::GaussNewtonAbsolute.name();
-        let why = if self.denoise.is_some() {
-            "[denoise] exclude each other: nets have learnt from images in which electrodes moved, and \
-             measured on others they gain nothing; keep one"
-        } else if self.reconstruction.method.as_deref() == Some(absolute) {
+        let why = if self.reconstruction.method.as_deref() == Some(absolute) {
             "method = \"gauss-newton-absolute\" exclude each other: movement is taken out of \
              differences, before a linear method; keep one"
         } else if self.mesh.elements == Some(ElementKind::Quadratic) {
