@@ -10,6 +10,8 @@
 #[path = "common/voltages.rs"]
 mod voltages;
 
+use eit_skin::eit_fem::{DrivenElectrodes, Order, PairProtocol};
+use eit_skin::eit_hw::{self, Component};
 use eit_skin::faults::{FaultKind, StreamMonitor};
 use voltages::{Bench, DT_S, ELECTRODES, MEASUREMENTS};
 
@@ -159,5 +161,36 @@ fn push_allocates_nothing_behind_the_reference() {
         let monitor = &mut stream.monitor;
         let info = allocation_counter::measure(|| monitor.push(&values, |_| true, time_s).unwrap());
         assert_eq!(info.count_total, 0, "{frame}: {info:?}");
+    }
+}
+
+/// Real instruments: a stream without a fault names nobody, whatever stands in the tank.
+#[test]
+fn real_recordings_name_nobody() {
+    let options = eit_hw::ReadOptions::default();
+    for (name, order, keep, file) in [
+        ("goe_mf2_ball", "rotated", false, "goe_mf2_ball/ball_200_frames.get"),
+        ("iirc_rod_2006", "ascending", true, "iirc_rod_2006/iirc_re_101x256.npy"),
+        ("sciospec_tank_adjacent", "rotated", false, "sciospec_tank_adjacent"),
+        ("umitooko_serial16", "rotated", false, "umitooko_serial16/__3.txt"),
+    ] {
+        let Some(path) = fixtures::shared_data(file) else { continue };
+        let pairs = PairProtocol {
+            order: if order == "rotated" { Order::Rotated } else { Order::Ascending },
+            driven_electrodes: if keep { DrivenElectrodes::Keep } else { DrivenElectrodes::Drop },
+            ..Default::default()
+        };
+        let protocol = pairs.protocol().unwrap();
+        let quadruples = protocol.quadruples().unwrap();
+        let recording = eit_hw::read_recording(&path, None, &options).unwrap();
+        let count = protocol.measurements();
+        let frames = recording.frames_for(Some(quadruples), count, Component::Real).unwrap();
+        let first = REFERENCE.min(frames.values.nrows() / 2);
+        let mut monitor = StreamMonitor::new(quadruples, ELECTRODES, first).unwrap();
+        for frame in frames.frames() {
+            let time_s = frame.sequence as f64 * DT_S;
+            monitor.push(&frame.values, |i| frame.quality[i].is_good(), time_s).unwrap();
+            assert_eq!(monitor.faults(), [], "{name}, frame {}", frame.sequence);
+        }
     }
 }

@@ -57,7 +57,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
                 break;
             }
             taken.next(&session, &mut writer, WAIT, &mut |words| bar.note(words))?;
-            if taken.frames % 16 == 0 {
+            if taken.frames.is_multiple_of(16) {
                 bar.set_message(&format!("{} frames; Ctrl-C ends it", taken.frames));
             }
         }

@@ -32,6 +32,8 @@ pub(super) struct Contradictions {
     /// Electrodes to blame, the worst first.
     accused: Vec<usize>,
     is_out: Vec<bool>,
+    /// Part of their reference by which halves of a pair may differ.
+    pub wrong_drift: f64,
 }
 
 impl Contradictions {
@@ -40,6 +42,7 @@ impl Contradictions {
             is_wrong: vec![false; measurements],
             accused: Vec::with_capacity(electrodes),
             is_out: vec![false; electrodes],
+            wrong_drift: WRONG_DRIFT,
         }
     }
 
@@ -67,7 +70,7 @@ impl Contradictions {
                 let noise = std_v[i].hypot(std_v[twin]);
                 let size = reference[i].abs().max(reference[twin].abs());
                 let allowed =
-                    WRONG_STD * noise + WRONG_PART * a.abs().max(b.abs()) + WRONG_DRIFT * size;
+                    WRONG_STD * noise + WRONG_PART * a.abs().max(b.abs()) + self.wrong_drift * size;
                 wrong |= (a - b).abs() > allowed || is_dead(twin);
             }
             self.is_wrong[i] = wrong;

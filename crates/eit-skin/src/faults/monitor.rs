@@ -106,6 +106,12 @@ impl FaultMonitor {
         Ok(self)
     }
 
+    /// Lets reciprocal halves differ by this part of their reference.
+    pub(super) fn with_wrong_drift(mut self, part: f64) -> Self {
+        self.contradictions.wrong_drift = part;
+        self
+    }
+
     /// Measurements that involve each electrode and count.
     pub fn of_electrode(&self) -> &[Vec<usize>] {
         &self.wiring.of_electrode
