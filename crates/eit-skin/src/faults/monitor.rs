@@ -14,6 +14,7 @@ use eit_fem::Protocol;
 const GARBAGE_FRAMES: usize = 5;
 /// Frames in a row that must blame an electrode's gain: one is no proof, each more costs a frame.
 const BLAMED_FRAMES: usize = 2;
+
 /// An electrode under suspicion.
 #[derive(Debug, Clone, Copy, Default)]
 struct Suspect {
