@@ -5,7 +5,7 @@
 
 mod common;
 
-use common::{SMALL, eit, refuse, succeed, text, write_scene};
+use common::{SMALL, eit, refuse, succeed, text, touched_frames, write_scene};
 use ndarray::{Array2, Array3};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -56,32 +56,6 @@ fn scene(instrument: &str) -> (tempfile::TempDir, PathBuf, PathBuf) {
 
 fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|e| panic!("{e}: {text}"))
-}
-
-/// Two hundred frames of 40 values: quiet first, then a finger that stays.
-fn touched_frames(folder: &Path, scene: &Path) -> (PathBuf, Array2<f64>) {
-    let [voltages, mesh, sigma] = ["v.npy", "m.msh", "s.npy"].map(|name| folder.join(name));
-    succeed(&["mesh", text(scene), "--out", text(&mesh)]);
-    let read = eit_mesh::read_gmsh(&mesh).unwrap();
-    let finger = |c: [f64; 3]| (-((c[0] - 0.03).powi(2) + c[1] * c[1]) / 0.01_f64.powi(2)).exp();
-    let values = read.surface().centroids().into_iter().map(|c| 1e-5 * (1.0 + 0.5 * finger(c)));
-    let values: Vec<f64> = values.collect();
-    let values = Array2::from_shape_vec((1, values.len()), values).unwrap();
-    ndarray_npy::write_npy(&sigma, &values).unwrap();
-    let solve = |more: &[&str]| -> ndarray::Array1<f64> {
-        let fixed = ["forward", text(scene), "--mesh", text(&mesh), "--out", text(&voltages)];
-        succeed(&[&fixed[..], more].concat());
-        ndarray_npy::read_npy(&voltages).unwrap()
-    };
-    let (still, touched) = (solve(&[]), solve(&["--conductivity", text(&sigma)]));
-    let size = still.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-    let frames = Array2::from_shape_fn((200, still.len()), |(frame, i)| {
-        let noise = 1e-5 * size * ((frame * 7919 + i * 104_729) as f64).sin();
-        noise + if frame > 100 { touched[i] } else { still[i] }
-    });
-    let path = folder.join("touched.npy");
-    ndarray_npy::write_npy(&path, &frames).unwrap();
-    (path, frames)
 }
 
 /// Recorded frames are those that were sent, whichever instrument sends them.
@@ -151,6 +125,96 @@ fn devices_and_check_tell_who_it_is_and_how_it_is() {
     assert!(said.starts_with("emulated skin 1: faulty"), "{said}");
     assert!(said.contains("electrode 3: reciprocity error"), "{said}");
     assert!(said.contains("fasten it"), "{said}");
+}
+
+/// What breaks no reciprocity and flags nothing: a bridge between electrodes 3 and 4 takes all voltage
+/// between them, whichever drives; and a multiplexer that holds the values of one electrode.
+#[test]
+fn check_names_a_shorted_and_a_stuck_electrode() {
+    let pairs: Vec<[usize; 2]> =
+        (0..8).flat_map(|d| (2..7).map(move |k| [d, (d + k) % 8])).collect();
+    let of = |electrode: usize, pair: &[usize; 2]| {
+        pair.iter().any(|&p| p == electrode || (p + 1) % 8 == electrode)
+    };
+    let check = |change: &dyn Fn(&[usize; 2], usize, f64) -> f64| {
+        let (folder, scene, port) = scene("driver = \"eits1\"\nframe_rate_hz = 100.0");
+        let (_, sent) = touched_frames(folder.path(), &scene);
+        let size = sent.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let frames = Array2::from_shape_fn((60, 40), |(frame, i)| {
+            let noise = 1e-4 * size * ((frame * 7919 + i * 104_729) as f64).sin();
+            change(&pairs[i], frame, noise) + change(&pairs[i], 0, sent[[0, i]])
+        });
+        let file = folder.path().join("frames.npy");
+        ndarray_npy::write_npy(&file, &frames).unwrap();
+        let _emulated = emulate(&scene, &port, &["--frames", text(&file)]);
+        let answer = json(&succeed(&["check", text(&scene), "--frames", "50", "--json"]));
+        let findings = answer["findings"].as_array().unwrap().clone();
+        (answer["verdict"].as_str().unwrap().to_owned(), findings)
+    };
+    // sound
+    let (verdict, findings) = check(&|_, _, value| value);
+    assert_eq!((verdict.as_str(), findings.len()), ("good", 0), "{findings:?}");
+    // shorted: a thousandth is left
+    let (verdict, findings) =
+        check(&|pair, _, value| if pair.contains(&2) { 1e-3 * value } else { value });
+    assert_eq!(verdict, "faulty");
+    let named: Vec<_> = findings.iter().filter_map(|f| f["electrode"].as_u64()).collect();
+    assert!(!named.is_empty() && named.iter().all(|e| [3, 4].contains(e)), "{findings:?}");
+    assert!(findings[0]["what"].as_str().unwrap().contains("shorted"), "{findings:?}");
+    // stuck: no noise where electrode 6 takes part
+    let (verdict, findings) =
+        check(&|pair, frame, value| if of(5, pair) && frame > 0 { 0.0 } else { value });
+    assert_eq!(verdict, "faulty", "{findings:?}");
+    let stuck = findings.iter().find(|f| f["electrode"] == 6).unwrap();
+    assert!(stuck["what"].as_str().unwrap().contains("stuck"), "{findings:?}");
+    assert!(
+        findings.iter().all(|f| f["electrode"].is_null() || f["electrode"] == 6),
+        "{findings:?}"
+    );
+}
+
+/// Electrode 3 opens in frame 100 of 200 that are sent over and over, and is sound again with the first:
+/// `record` says so once for each, on stderr, in its answer and in the recording, and loses nothing.
+#[test]
+fn record_names_an_electrode_that_opens() {
+    let (folder, scene, port) = scene("driver = \"eits1\"\nframe_rate_hz = 100.0");
+    let (_, sent) = touched_frames(folder.path(), &scene);
+    let size = sent.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    let frames = Array2::from_shape_fn((400, 40), |(frame, i)| {
+        let (drive, sense) = (i / 5, (i / 5 + 2 + i % 5) % 8);
+        let is_lost = [drive, sense].iter().any(|&p| p == 2 || p == 1);
+        let floating = 0.1 * size * ((frame * 3571 + i * 7907) as f64).sin();
+        if is_lost && (100..200).contains(&frame) { floating } else { sent[[frame % 100, i]] }
+    });
+    let file = folder.path().join("opens.npy");
+    ndarray_npy::write_npy(&file, &frames).unwrap();
+    let _emulated = emulate(&scene, &port, &["--frames", text(&file)]);
+    let out = folder.path().join("opens.mcap");
+    // wherever recording begins, all of one round and the second after the fault is in it
+    let output = eit(&["record", text(&scene), "--out", text(&out), "--frames", "900", "--json"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{said}");
+    let answer = json(&String::from_utf8(output.stdout).unwrap());
+    assert_eq!((&answer["frames"], &answer["lost"]), (&900.into(), &0.into()), "{answer}");
+    let faults = answer["faulty_electrodes"].as_array().unwrap();
+    assert!((1..=3).contains(&faults.len()), "{answer}");
+    for fault in faults {
+        assert_eq!(fault["electrode"], 3, "{answer}");
+    }
+    let whole = faults.iter().find(|fault| fault["until_s"].is_number()).unwrap();
+    let time_s = |key: &str| whole[key].as_f64().unwrap();
+    // 1 s of the fault and 1 s in which it must be sound, unless the reference began within the fault
+    let lasted_s = time_s("until_s") - time_s("since_s");
+    assert!((1.0..2.5).contains(&lasted_s), "{answer}");
+    let heals = faults.iter().filter(|fault| fault["until_s"].is_number()).count();
+    assert_eq!(said.matches("electrode 3 contradicts").count(), faults.len(), "{said}");
+    assert_eq!(said.matches("electrode 3 is sound again").count(), heals, "{said}");
+    let capture = eit_hw::capture::read(&out).unwrap();
+    assert_eq!(capture.frames().count(), 900);
+    let notes = capture.entries.iter().filter(
+        |entry| matches!(entry, eit_hw::capture::Entry::Note(text) if text.contains("electrode 3")),
+    );
+    assert_eq!(notes.count(), faults.len() + heals);
 }
 
 /// Unplugged twice meanwhile: the recording says so, and goes on in new epochs.

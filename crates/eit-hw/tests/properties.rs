@@ -16,7 +16,8 @@ use eit_hw::npy::NpyOptions;
 use eit_hw::sciospec::SciospecOptions;
 use eit_hw::serial_log::SerialLogOptions;
 use eit_hw::{
-    Component, HwError, Recording, csv, goe, lct, npy, read_recording, sciospec, serial_log,
+    Component, HwError, Note, Quality, Recording, csv, goe, lct, npy, read_recording, sciospec,
+    serial_log,
 };
 use ndarray::Array2;
 use proptest::prelude::*;
@@ -200,7 +201,7 @@ proptest! {
     }
 
     #[test]
-    fn both_tables_name_the_same_faulty_value(
+    fn both_tables_flag_the_same_missing_value(
         table in table(2..6, 2..6),
         at in any::<Index>(),
         complex in any::<bool>(),
@@ -225,13 +226,13 @@ proptest! {
         };
         let wanted =
             place_in(&recording.real).or_else(|| place_in(recording.imaginary.as_ref()?)).unwrap();
-        for result in [csv, npy] {
-            match result {
-                Err(HwError::NonFinite { frame, measurement, .. }) => {
-                    prop_assert_eq!((frame, measurement), wanted);
-                }
-                other => prop_assert!(false, "{:?}", other),
-            }
+        for read in [csv.unwrap(), npy.unwrap()] {
+            let bad: Vec<_> =
+                read.quality.indexed_iter().filter(|(_, quality)| !quality.is_good()).collect();
+            prop_assert_eq!(bad, vec![(wanted, &Quality::NON_FINITE)]);
+            let (frame, value) = wanted;
+            let note = Note::MissingValues { values: 1, frame, value };
+            prop_assert!(read.notes.contains(&note), "{:?}", read.notes);
         }
     }
 

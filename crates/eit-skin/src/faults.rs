@@ -18,9 +18,11 @@ mod history;
 mod monitor;
 mod protocol;
 mod reference;
+mod stream;
 
 pub use monitor::FaultMonitor;
 pub(crate) use reference::of_reference;
+pub use stream::{StreamMonitor, of_frames};
 
 use serde_json::{Value, json};
 

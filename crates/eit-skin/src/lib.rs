@@ -14,6 +14,7 @@ mod error;
 pub mod faults;
 mod fitted;
 pub mod frames;
+pub mod health;
 mod linearised;
 pub mod live;
 pub mod method;

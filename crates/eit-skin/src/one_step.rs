@@ -8,7 +8,8 @@ use crate::scene::{DifferenceKind, Hyperparameter, Rule};
 use crate::skin::check_images;
 use eit_denoise::ImageStack;
 use eit_inverse::{
-    ChosenHyperparameter, HyperparameterChoice, NoiseTarget, OneStepGaussNewton, OneStepSettings,
+    ChosenHyperparameter, HyperparameterChoice, InverseError, NoiseTarget, OneStepGaussNewton,
+    OneStepSettings,
 };
 use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView1, Axis};
@@ -121,7 +122,8 @@ pub(crate) fn choose(
 impl Imaging {
     /// Images [frame, row, column] in siemens, NaN outside the skin.
     ///
-    /// Frames with bad values among the used measurements are reconstructed without them.
+    /// Frames with bad values among the used measurements are reconstructed without them; one without a
+    /// good value is zero.
     pub fn images(
         &self,
         frames: &Frames,
@@ -146,9 +148,15 @@ impl Imaging {
                     (0..frames.used.len()).filter(|&i| !frames.good[[frame, i]]).collect();
                 let values = frames.values.row(frame).to_vec();
                 let (reference, memory) = (&frames.reference, &mut workspace);
-                reconstructor
+                match reconstructor
                     .reconstruct_masked_into(&values, reference, &bad, memory, &mut image)
-                    .map_err(|e| SkinError::from(e).within(&format!("frame {frame}")))?;
+                {
+                    // a dropped frame shows nothing, and hides no other
+                    Err(InverseError::NothingUsed { .. }) => image.fill(0.0),
+                    made => {
+                        made.map_err(|e| SkinError::from(e).within(&format!("frame {frame}")))?;
+                    }
+                }
                 pixels.row_mut(frame).assign(&ArrayView1::from(&image));
                 bar.inc();
             }

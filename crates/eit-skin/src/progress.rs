@@ -87,6 +87,11 @@ impl<'a> Steps<'a> {
         self.counted().observer.message(text);
     }
 
+    /// Something the user should know.
+    pub fn note(&self, text: &str) {
+        self.counted().observer.note(text);
+    }
+
     /// A thread that panicked between two counts has left a number behind, nothing worse.
     fn counted(&self) -> std::sync::MutexGuard<'_, Counted<'a>> {
         self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner)

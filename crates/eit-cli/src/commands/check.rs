@@ -6,8 +6,8 @@ use crate::error::CliError;
 use crate::progress;
 use eit_hw::driver::{Overflow, Statistics};
 use eit_hw::{HealthReport, ReferenceFrames, Severity, Verdict, measure_reference_frames};
-use eit_skin::connect;
 use eit_skin::scene::Scene;
+use eit_skin::{connect, health};
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -29,7 +29,7 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Answer, CliError> {
     let statistics = session.statistics();
     session.stop();
     let found = quiet.frames.values.nrows();
-    let report = quiet.check(&instrument.quadruples).map_err(|error| {
+    let report = health::check(&quiet, &instrument).map_err(|error| {
         CliError::Failure(format!(
             "{found} frames came within {} s, {} bytes in all: {error}",
             args.seconds, statistics.bytes

@@ -6,6 +6,7 @@ pub(crate) mod convert;
 pub(crate) mod demo;
 pub(crate) mod denoise;
 pub(crate) mod devices;
+mod electrode_watch;
 pub(crate) mod emulate;
 pub(crate) mod forward;
 pub(crate) mod jacobian;

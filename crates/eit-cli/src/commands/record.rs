@@ -1,6 +1,7 @@
 //! `eit record`: a live instrument into a crash-safe recording.
 
 use super::Answer;
+use super::electrode_watch::ElectrodeWatch;
 use crate::cli::RecordArgs;
 use crate::error::CliError;
 use crate::interrupt;
@@ -45,7 +46,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
     if let Some(note) = &args.note {
         writer.note(note)?;
     }
-    let mut taken = Taken::default();
+    let mut taken = Taken { frames: 0, notes: 0, electrodes: ElectrodeWatch::new(&instrument) };
     let ended = progress.steps("recording; Ctrl-C ends it", 0, |bar| {
         let start = Instant::now();
         while taken.frames < args.frames.unwrap_or(u64::MAX)
@@ -55,8 +56,8 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
             if session.is_over() {
                 break;
             }
-            taken.next(&session, &mut writer, WAIT)?;
-            if taken.frames % 16 == 0 {
+            taken.next(&session, &mut writer, WAIT, &mut |words| bar.note(words))?;
+            if taken.frames.is_multiple_of(16) {
                 bar.set_message(&format!("{} frames; Ctrl-C ends it", taken.frames));
             }
         }
@@ -67,7 +68,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
     // what had come before the end
     while taken.frames < args.frames.unwrap_or(u64::MAX)
         && taken
-            .next(&session, &mut writer, Duration::ZERO)
+            .next(&session, &mut writer, Duration::ZERO, &mut |words| progress.note(words))
             .map_err(|error| stopped(error, place, taken.frames))?
     {}
     writer.finish().map_err(|error| stopped(error.into(), place, taken.frames))?;
@@ -93,10 +94,10 @@ pub(super) fn duration(seconds: Option<f64>) -> Result<Option<Duration>, CliErro
 }
 
 /// What was recorded so far.
-#[derive(Default)]
-pub(super) struct Taken {
-    pub(super) frames: u64,
+struct Taken {
+    frames: u64,
     notes: u64,
+    electrodes: ElectrodeWatch,
 }
 
 impl Taken {
@@ -106,14 +107,24 @@ impl Taken {
         session: &Session,
         writer: &mut CaptureWriter,
         wait: Duration,
+        warn: &mut dyn FnMut(&str),
     ) -> Result<bool, CliError> {
         match session.next_event(wait)? {
             Some(Event::Frame(frame)) => {
                 writer.frame(&frame)?;
                 self.frames += 1;
+                let Self { electrodes, notes, .. } = self;
+                electrodes.push(&frame, |words| {
+                    warn(words);
+                    *notes += 1;
+                    writer.note(words)
+                })?;
                 session.recycle(frame);
             }
             Some(other) => {
+                if matches!(other, Event::Reconnected { .. }) {
+                    self.electrodes.restart();
+                }
                 if let Some(words) = event_words(&other) {
                     writer.note(&words)?;
                     self.notes += 1;
@@ -164,7 +175,7 @@ fn answer(
         statistics.flagged,
         statistics.damaged_bytes,
         statistics.reconnections
-    );
+    ) + &taken.electrodes.lines();
     let json: Value = json!({
         "file": place.display().to_string(),
         "bytes": bytes,
@@ -176,6 +187,7 @@ fn answer(
         "damaged_bytes": statistics.damaged_bytes,
         "reconnections": statistics.reconnections,
         "interrupted": interrupted,
+        "faulty_electrodes": taken.electrodes.json(),
     });
     Answer { text, json }
 }

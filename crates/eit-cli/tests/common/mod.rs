@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
+use ndarray::Array2;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -66,3 +67,29 @@ current_a = 1e-4
 [mesh]
 edge_m = 0.012
 "#;
+
+/// Two hundred frames of 40 values: quiet first, then a finger that stays.
+pub fn touched_frames(folder: &Path, scene: &Path) -> (PathBuf, Array2<f64>) {
+    let [voltages, mesh, sigma] = ["v.npy", "m.msh", "s.npy"].map(|name| folder.join(name));
+    succeed(&["mesh", text(scene), "--out", text(&mesh)]);
+    let read = eit_mesh::read_gmsh(&mesh).unwrap();
+    let finger = |c: [f64; 3]| (-((c[0] - 0.03).powi(2) + c[1] * c[1]) / 0.01_f64.powi(2)).exp();
+    let values = read.surface().centroids().into_iter().map(|c| 1e-5 * (1.0 + 0.5 * finger(c)));
+    let values: Vec<f64> = values.collect();
+    let values = Array2::from_shape_vec((1, values.len()), values).unwrap();
+    ndarray_npy::write_npy(&sigma, &values).unwrap();
+    let solve = |more: &[&str]| -> ndarray::Array1<f64> {
+        let fixed = ["forward", text(scene), "--mesh", text(&mesh), "--out", text(&voltages)];
+        succeed(&[&fixed[..], more].concat());
+        ndarray_npy::read_npy(&voltages).unwrap()
+    };
+    let (still, touched) = (solve(&[]), solve(&["--conductivity", text(&sigma)]));
+    let size = still.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    let frames = Array2::from_shape_fn((200, still.len()), |(frame, i)| {
+        let noise = 1e-5 * size * ((frame * 7919 + i * 104_729) as f64).sin();
+        noise + if frame > 100 { touched[i] } else { still[i] }
+    });
+    let path = folder.join("touched.npy");
+    ndarray_npy::write_npy(&path, &frames).unwrap();
+    (path, frames)
+}

@@ -33,11 +33,11 @@ pub fn read(path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
 
 /// Frames of a CSV file with this content; `path` is for messages.
 ///
-/// The layout is [`Layout::ProtocolOrder`], the unit [`Unit::Arbitrary`].
+/// The layout is [`Layout::ProtocolOrder`], the unit [`Unit::Arbitrary`]. A value that is NaN or
+/// infinite is missing: flagged [`Quality::NON_FINITE`](crate::Quality::NON_FINITE).
 ///
 /// # Errors
-/// [`HwError`] for an empty or binary file, a field that is no number, a NaN or infinite value, a
-/// row of another length than the first, and an odd number of rows or columns where they alternate.
+/// [`HwError`] for an empty or binary file, a field that is no number, a row of another length than the first, and an odd number of rows or columns where they alternate.
 pub fn parse(bytes: &[u8], path: &Path, options: &CsvOptions) -> Result<Recording, HwError> {
     let content = text::decode(bytes, path)?;
     let mut rows = Rows::default();
@@ -45,11 +45,6 @@ pub fn parse(bytes: &[u8], path: &Path, options: &CsvOptions) -> Result<Recordin
         rows.push(row, line, path)?;
     }
     let CsvOptions { orientation, complex } = *options;
-    if let Some(NonFinite { line, at, value }) = rows.non_finite {
-        let (frame, measurement) = table::position(at, rows.count, orientation, complex);
-        let place = Place::line(path, line);
-        return Err(HwError::NonFinite { place, frame, measurement, value });
-    }
     let table = table::frames(rows.values, rows.columns, path, 0)?;
     let (real, imaginary) = table::oriented(table, orientation, complex, path)?;
     let mut recording =
@@ -57,7 +52,7 @@ pub fn parse(bytes: &[u8], path: &Path, options: &CsvOptions) -> Result<Recordin
     recording.frames_are = Some(orientation);
     recording.notes.extend(rows.header.map(|line| Note::HeaderLine { line }));
     recording.notes.extend(text::line_without_end(content).map(|line| Note::NoLineEnd { line }));
-    Ok(recording)
+    Ok(recording.with_missing())
 }
 
 /// Rows read so far.
@@ -68,16 +63,6 @@ struct Rows {
     count: usize,
     separator: Option<Separator>,
     header: Option<usize>,
-    /// The first; its measurement may depend on the number of rows.
-    non_finite: Option<NonFinite>,
-}
-
-/// A value that is NaN or infinite.
-struct NonFinite {
-    line: usize,
-    /// Row and column of the table.
-    at: [usize; 2],
-    value: f64,
 }
 
 #[derive(Clone, Copy)]
@@ -101,12 +86,7 @@ impl Rows {
         self.separator = Some(separator);
         let mut columns = 0;
         for field in fields(line, separator) {
-            let value = text::number(field, columns + 1, || Place::line(path, number))?;
-            if !value.is_finite() && self.non_finite.is_none() {
-                let at = [self.count, columns];
-                self.non_finite = Some(NonFinite { line: number, at, value });
-            }
-            self.values.push(value);
+            self.values.push(text::number(field, columns + 1, || Place::line(path, number))?);
             columns += 1;
         }
         if first {

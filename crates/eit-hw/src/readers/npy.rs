@@ -40,11 +40,12 @@ pub fn read(path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
 /// Integers of 1 to 8 bytes, floats of 4 and 8 and complex numbers of 8 and 16, in either byte and
 /// axis order. `[measurement]` is one frame, and so is, by [`FrameOrientation::Rows`], a matrix of
 /// one column (with a note); for other matrices see [`FrameOrientation`]. The layout is
-/// [`Layout::ProtocolOrder`], the unit [`Unit::Arbitrary`].
+/// [`Layout::ProtocolOrder`], the unit [`Unit::Arbitrary`]. A value that is NaN or infinite is missing:
+/// flagged [`Quality::NON_FINITE`](crate::Quality::NON_FINITE).
 ///
 /// # Errors
 /// [`HwError`] for an empty file, a damaged header, another type or shape, more or fewer bytes than
-/// the header states, a NaN or infinite value, an odd number of rows or columns where they
+/// the header states, an odd number of rows or columns where they
 /// alternate, and complex numbers where real ones should alternate.
 pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recording, HwError> {
     let Header { first_byte, kind, fortran, shape } = Header::parse(bytes, path)?;
@@ -75,11 +76,11 @@ pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recordin
             mend: "the file is cut or holds more than one array: copy or save it anew",
         });
     }
-    let stored = Stored { data, first_byte, kind, rows, columns, fortran };
+    let stored = Stored { data, kind, rows, columns, fortran };
     let (real, alternating) =
-        table::oriented(stored.part(0, options, path)?, orientation, options.complex, path)?;
+        table::oriented(stored.part(0, path)?, orientation, options.complex, path)?;
     let imaginary = if kind.complex {
-        Some(table::oriented(stored.part(1, options, path)?, orientation, false, path)?.0)
+        Some(table::oriented(stored.part(1, path)?, orientation, false, path)?.0)
     } else {
         alternating
     };
@@ -89,13 +90,12 @@ pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recordin
     if by_rows && matches!(shape[..], [_, 1]) {
         recording.notes.push(Note::OneColumn { rows: columns });
     }
-    Ok(recording)
+    Ok(recording.with_missing())
 }
 
 /// The stored numbers, exactly `rows * columns` of them.
 struct Stored<'a> {
     data: &'a [u8],
-    first_byte: usize,
     kind: Kind,
     rows: usize,
     columns: usize,
@@ -104,24 +104,12 @@ struct Stored<'a> {
 
 impl Stored<'_> {
     /// Real (0) or imaginary (1) parts, [row, column].
-    fn part(&self, part: usize, options: &NpyOptions, path: &Path) -> Result<Array2<f64>, HwError> {
-        let Self { data, first_byte, kind, rows, columns, fortran } = *self;
+    fn part(&self, part: usize, path: &Path) -> Result<Array2<f64>, HwError> {
+        let Self { data, kind, rows, columns, fortran } = *self;
         let mut list = Vec::with_capacity(rows * columns);
         for index in 0..rows * columns {
             let at = index * kind.bytes() + part * kind.size;
-            let value = kind.value(&data[at..at + kind.size]);
-            if !value.is_finite() {
-                let place = Place::byte(path, first_byte + at);
-                let cell = if fortran {
-                    [index % rows, index / rows]
-                } else {
-                    [index / columns, index % columns]
-                };
-                let (frame, measurement) =
-                    table::position(cell, rows, options.orientation, options.complex);
-                return Err(HwError::NonFinite { place, frame, measurement, value });
-            }
-            list.push(value);
+            list.push(kind.value(&data[at..at + kind.size]));
         }
         let none = |_| HwError::NoFrames { place: Place::file(path), skipped: 0 };
         Array2::from_shape_vec((rows, columns).set_f(fortran), list).map_err(none)

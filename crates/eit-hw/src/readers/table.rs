@@ -61,21 +61,3 @@ pub(super) fn oriented(
     let every_other = |first| vectors.slice_axis(Axis(0), Slice::new(first, None, 2));
     Ok((joined(every_other(0))?, Some(joined(every_other(1))?)))
 }
-
-/// Frame and measurement of the value at `[row, column]` of a table of `rows`, all from 0.
-pub(super) fn position(
-    [row, column]: [usize; 2],
-    rows: usize,
-    orientation: FrameOrientation,
-    complex: bool,
-) -> (usize, usize) {
-    let (vector, value) = match orientation {
-        FrameOrientation::Rows => (row, column),
-        FrameOrientation::Columns | FrameOrientation::Matrix => (column, row),
-    };
-    let vector = if complex { vector / 2 } else { vector };
-    match orientation {
-        FrameOrientation::Rows | FrameOrientation::Columns => (vector, value),
-        FrameOrientation::Matrix => (0, vector * rows + value),
-    }
-}

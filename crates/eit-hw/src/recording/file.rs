@@ -75,6 +75,26 @@ impl Recording {
         }
     }
 
+    /// Flags values that are NaN or infinite, of a table that has no other way to say that a value is
+    /// missing, with a note.
+    pub(crate) fn with_missing(mut self) -> Self {
+        let is_finite = |at| {
+            let parts = std::iter::once(&self.real).chain(&self.imaginary);
+            parts.into_iter().all(|part| part.get(at).is_some_and(|value: &f64| value.is_finite()))
+        };
+        let (mut values, mut first) = (0, None);
+        for (at, quality) in self.quality.indexed_iter_mut() {
+            if !is_finite(at) {
+                *quality |= Quality::NON_FINITE;
+                values += 1;
+                first.get_or_insert(at);
+            }
+        }
+        let note = first.map(|(frame, value)| Note::MissingValues { values, frame, value });
+        self.notes.extend(note);
+        self
+    }
+
     /// Number of frames.
     pub fn frame_count(&self) -> usize {
         self.real.nrows()

@@ -137,6 +137,15 @@ pub enum Note {
         /// Its rows.
         rows: usize,
     },
+    /// Values are NaN or infinite: they are missing, and the others of their frames are used.
+    MissingValues {
+        /// How many.
+        values: usize,
+        /// Frame of the first, from 0.
+        frame: usize,
+        /// Its value in the file's order, from 0.
+        value: usize,
+    },
     /// A recording has damaged parts, whose frames are left out.
     Damaged {
         /// Chunks whose checksum or content is wrong.
@@ -155,6 +164,11 @@ impl fmt::Display for Note {
                 f,
                 "damaged: {chunks} chunk(s) and {messages} message(s) left out, {truncated_bytes} bytes cut \
                  off at the end"
+            ),
+            Self::MissingValues { values, frame, value } => write!(
+                f,
+                "{values} value(s) missing, not numbers; the first is value {value} of frame {frame} \
+                 (from 0)"
             ),
             Self::HeaderLine { line } => write!(f, "line {line} holds no number: header skipped"),
             Self::NoLineEnd { line } => {

@@ -18,6 +18,12 @@ const DEAD: f64 = 0.02;
 /// With fewer measurements that are left, an electrode is not judged.
 const LEAST: usize = 4;
 
+/// A frame is a bad one where more than this part of the electrodes contradict: garbage blames every
+/// second to third electrode, which leaves no measurement that could blame those between them; ...
+const GARBAGE: f64 = 1.0 / 3.0;
+/// ... or where this part of the measurements without those electrodes is wrong too.
+const UNEXPLAINED: f64 = 0.2;
+
 /// What is wrong in the frame at hand.
 #[derive(Debug, Clone)]
 pub(super) struct Contradictions {
@@ -26,6 +32,8 @@ pub(super) struct Contradictions {
     /// Electrodes to blame, the worst first.
     accused: Vec<usize>,
     is_out: Vec<bool>,
+    /// Part of their reference by which halves of a pair may differ.
+    pub wrong_drift: f64,
 }
 
 impl Contradictions {
@@ -34,6 +42,7 @@ impl Contradictions {
             is_wrong: vec![false; measurements],
             accused: Vec::with_capacity(electrodes),
             is_out: vec![false; electrodes],
+            wrong_drift: WRONG_DRIFT,
         }
     }
 
@@ -61,7 +70,7 @@ impl Contradictions {
                 let noise = std_v[i].hypot(std_v[twin]);
                 let size = reference[i].abs().max(reference[twin].abs());
                 let allowed =
-                    WRONG_STD * noise + WRONG_PART * a.abs().max(b.abs()) + WRONG_DRIFT * size;
+                    WRONG_STD * noise + WRONG_PART * a.abs().max(b.abs()) + self.wrong_drift * size;
                 wrong |= (a - b).abs() > allowed || is_dead(twin);
             }
             self.is_wrong[i] = wrong;
@@ -93,6 +102,28 @@ impl Contradictions {
     /// Electrodes to blame for what is wrong, the worst first.
     pub fn accused(&self) -> &[usize] {
         &self.accused
+    }
+
+    /// Whether the accused electrodes explain what is wrong among the measurements that count, without
+    /// those of electrodes that are out: they are few, and leave little wrong.
+    pub fn is_explained(
+        &self,
+        wiring: &Wiring,
+        counts: impl Fn(usize) -> bool,
+        is_out: impl Fn(usize) -> bool,
+    ) -> bool {
+        let (mut left, mut wrong) = (0_usize, 0_usize);
+        for (i, electrodes) in wiring.of_measurement.iter().enumerate() {
+            let is_gone = |e: &usize| is_out(*e) || self.accused.contains(e);
+            if counts(i) && !electrodes.iter().any(is_gone) {
+                left += 1;
+                wrong += usize::from(self.is_wrong[i]);
+            }
+        }
+        let of_electrode = wiring.of_electrode.iter().enumerate();
+        let judged = of_electrode.filter(|(e, of_e)| !of_e.is_empty() && !is_out(*e)).count();
+        let is_few = self.accused.len() as f64 <= GARBAGE * judged as f64;
+        self.accused.is_empty() || (is_few && wrong as f64 <= UNEXPLAINED * left as f64)
     }
 
     /// Part of an electrode's measurements that are wrong, those of other electrodes that are out

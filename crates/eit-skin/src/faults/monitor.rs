@@ -10,15 +10,11 @@ use super::{ElectrodeFault, FaultKind};
 use crate::error::SkinError;
 use eit_fem::Protocol;
 
-/// A frame is a bad one where more than this part of the electrodes contradict: garbage blames every
-/// second to third electrode, which leaves no measurement that could blame those between them; ...
-const GARBAGE: f64 = 1.0 / 3.0;
-/// ... or where this part of the measurements without those electrodes is wrong too. ...
-const UNEXPLAINED: f64 = 0.2;
-/// ... Only so many bad frames in a row blame electrodes.
+/// Bad frames in a row that blame electrodes nevertheless.
 const GARBAGE_FRAMES: usize = 5;
-/// Frames in a row that must blame an electrode's gain.
-const BLAMED_FRAMES: usize = 3;
+/// Frames in a row that must blame an electrode's gain: one is no proof, each more costs a frame.
+const BLAMED_FRAMES: usize = 2;
+
 /// An electrode under suspicion.
 #[derive(Debug, Clone, Copy, Default)]
 struct Suspect {
@@ -109,6 +105,12 @@ impl FaultMonitor {
         self.faults.reserve(faults.len());
         self.leave_out();
         Ok(self)
+    }
+
+    /// Lets reciprocal halves differ by this part of their reference.
+    pub(super) fn with_wrong_drift(mut self, part: f64) -> Self {
+        self.contradictions.wrong_drift = part;
+        self
     }
 
     /// Measurements that involve each electrode and count.
@@ -219,22 +221,9 @@ impl FaultMonitor {
     fn is_garbage(&mut self) -> bool {
         self.accuse();
         let Self { wiring, suspects, contradictions, is_missing, used, .. } = self;
-        let accused = contradictions.accused();
-        let is_out = |e: &usize| suspects[*e].fault.is_some() || accused.contains(e);
-        let (mut left, mut wrong) = (0_usize, 0_usize);
-        for (i, electrodes) in wiring.of_measurement.iter().enumerate() {
-            if used[i] && !is_missing[i] && !electrodes.iter().any(is_out) {
-                left += 1;
-                wrong += usize::from(contradictions.is_wrong[i]);
-            }
-        }
-        let of_electrode = wiring.of_electrode.iter().zip(suspects.iter());
-        let is_judged =
-            |(of_e, suspect): &(&Vec<usize>, &Suspect)| !of_e.is_empty() && suspect.fault.is_none();
-        let judged = of_electrode.filter(is_judged).count();
-        let is_garbage = !accused.is_empty()
-            && (accused.len() as f64 > GARBAGE * judged as f64
-                || wrong as f64 > UNEXPLAINED * left as f64);
+        let counts = |i: usize| used[i] && !is_missing[i];
+        let is_out = |e: usize| suspects[e].fault.is_some();
+        let is_garbage = !contradictions.is_explained(wiring, counts, is_out);
         self.garbage_frames = if is_garbage { self.garbage_frames + 1 } else { 0 };
         is_garbage && self.garbage_frames < GARBAGE_FRAMES
     }
@@ -266,14 +255,14 @@ impl FaultMonitor {
         contradictions.accuse(wiring, is_missing, |e| suspects[e].fault.is_some());
     }
 
-    fn condemn(&mut self, electrode: usize, kind: FaultKind, since_s: f64) {
+    pub(super) fn condemn(&mut self, electrode: usize, kind: FaultKind, since_s: f64) {
         let suspect = &mut self.suspects[electrode];
         suspect.good_since_s = None;
         suspect.fault.get_or_insert(ElectrodeFault { electrode, kind, since_s });
     }
 
     /// Measurements of faulty electrodes, and pairs that contradict themselves alone.
-    fn leave_out(&mut self) {
+    pub(super) fn leave_out(&mut self) {
         self.faults.clear();
         self.faults.extend_from_slice(&self.lasting);
         self.faults.extend(self.suspects.iter().filter_map(|suspect| suspect.fault));

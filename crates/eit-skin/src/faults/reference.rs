@@ -1,4 +1,4 @@
-//! Electrodes that fail while the reference is taken.
+//! Electrodes that fail while the reference is taken: from the noise alone, or without a model.
 
 use super::contradictions::Contradictions;
 use super::protocol::Wiring;
@@ -11,6 +11,8 @@ use eit_fem::Protocol;
 const NOISY_TIMES: f64 = 30.0;
 /// ... this part of the median voltage.
 const NOISY_PART: f64 = 0.01;
+/// A mean below this part of the median voltage is dead.
+const DEAD: f64 = 0.02;
 
 /// Electrodes that float while the reference is taken, from the noise of its frames: they are left out
 /// until a new reference is taken. And their measurements, ascending.
@@ -31,7 +33,7 @@ pub(crate) fn of_reference(
     for (what, found) in lists {
         SkinError::check_measurements(what, found, measurements)?;
     }
-    let limit = (NOISY_TIMES * median(std_v, used)).max(NOISY_PART * median(reference_v, used));
+    let limit = noise_limit(std_v, reference_v, used);
     let wiring = Wiring::new(protocol, used);
     let mut contradictions = Contradictions::new(measurements, wiring.of_electrode.len());
     for (i, wrong) in contradictions.is_wrong.iter_mut().enumerate() {
@@ -47,8 +49,46 @@ pub(crate) fn of_reference(
     Ok((found.iter().map(fault).collect(), left_out))
 }
 
+/// Electrodes that are faulty in the first frames of a stream, ascending, for want of a model by what the
+/// frames themselves show: noise as in [`of_reference`], voltages that contradict their reciprocals, or
+/// next to no voltage. Nobody where more is wrong than a third of the electrodes explain: then the order
+/// of the measurements is.
+///
+/// `std_v`: noise of the mean `mean_v` of `frames` frames is `std_v / sqrt(frames)`.
+pub(super) fn of_start(
+    wiring: &Wiring,
+    used: &[bool],
+    std_v: &[f64],
+    mean_v: &[f64],
+    frames: usize,
+) -> Vec<usize> {
+    let limit = noise_limit(std_v, mean_v, used);
+    let typical_v = median(mean_v, used);
+    let root = (frames.max(1) as f64).sqrt();
+    let mean_std_v: Vec<f64> = std_v.iter().map(|std| std / root).collect();
+    let zeros = vec![0.0; used.len()];
+    let mut contradictions = Contradictions::new(used.len(), wiring.of_electrode.len());
+    contradictions.compare(&wiring.reciprocal, &mean_std_v, [mean_v, &zeros], |i| used[i]);
+    for (i, wrong) in contradictions.is_wrong.iter_mut().enumerate() {
+        *wrong |= used[i] && (std_v[i] > limit || mean_v[i].abs() < DEAD * typical_v);
+    }
+    let nothing = vec![false; used.len()];
+    contradictions.accuse(wiring, &nothing, |_| false);
+    if !contradictions.is_explained(wiring, |i| used[i], |_| false) {
+        return Vec::new();
+    }
+    let mut found = contradictions.accused().to_vec();
+    found.sort_unstable();
+    found
+}
+
+/// Noise from which on a measurement floats, volts.
+fn noise_limit(std_v: &[f64], mean_v: &[f64], used: &[bool]) -> f64 {
+    (NOISY_TIMES * median(std_v, used)).max(NOISY_PART * median(mean_v, used))
+}
+
 /// Median size of the finite values that are used; 0 where there are none.
-fn median(values: &[f64], used: &[bool]) -> f64 {
+pub(super) fn median(values: &[f64], used: &[bool]) -> f64 {
     let of_used = values.iter().zip(used).filter(|(_, used)| **used);
     let mut sizes: Vec<f64> =
         of_used.map(|(value, _)| value.abs()).filter(|value| value.is_finite()).collect();

@@ -40,6 +40,10 @@ pub enum Trouble {
         /// Error without the electrode.
         without: f64,
     },
+    /// Measurements of this electrode contradict their reciprocals, or are dead.
+    Contradicts,
+    /// Measurements of this electrode repeat themselves exactly while others change.
+    Repeats,
     /// Measurements at this electrode are noisier than the rest.
     Noisy {
         /// How many times.
@@ -93,7 +97,8 @@ pub struct Finding {
 }
 
 impl Finding {
-    pub(super) fn of_electrode(electrode: u32, trouble: Trouble) -> Self {
+    /// Of one electrode, from 0.
+    pub fn of_electrode(electrode: u32, trouble: Trouble) -> Self {
         let severity = match trouble {
             Trouble::Noisy { .. } => Severity::Warning,
             _ => Severity::Fault,
@@ -116,6 +121,10 @@ impl Finding {
             Trouble::Contact { .. } => {
                 "its contact is bad or its wire is swapped: fasten it, and check its number"
             }
+            Trouble::Contradicts => {
+                "clean its contact, fasten its wire, and look for a bridge to its neighbours"
+            }
+            Trouble::Repeats => "check its wire and its channel of the multiplexer",
             Trouble::Noisy { .. } => "press its contact, and keep its wire away from motors",
             Trouble::Reciprocity { .. } => {
                 "check `[protocol] order`, the numbering of the electrodes, and that nothing moves"
@@ -145,6 +154,10 @@ impl fmt::Display for Finding {
             Trouble::Contact { with, without } => {
                 write!(f, "reciprocity error {with:.2}, {without:.2} without it")
             }
+            Trouble::Contradicts => {
+                f.write_str("contradicts the others: it is open, shorted or noisy")
+            }
+            Trouble::Repeats => f.write_str("is stuck: its measurements repeat themselves"),
             Trouble::Noisy { ratio } => write!(f, "{ratio:.0} times as noisy as the rest"),
             Trouble::Reciprocity { error } => write!(f, "reciprocity error {error:.2}"),
             Trouble::Saturation { share } => {
