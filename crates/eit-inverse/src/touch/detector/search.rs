@@ -167,12 +167,16 @@ impl Search {
         self.fit_strengths(scene, y, &mut best);
         loop {
             self.weigh(scene, y, &mut best, least);
-            let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
             let settings = scene.settings;
-            let faint = settings
-                .least_s_m2
-                .max(settings.least_share * strongest)
-                .max(settings.least_share_of_late * scene.late_s_m2);
+            // beside what explains more; in a corner that is hardly seen, strengths are whatever they like
+            let faint = |k: usize| {
+                let more = (0..best.spots.len()).filter(|&i| best.worth[i] >= best.worth[k]);
+                let strongest = more.map(|i| best.strengths[i]).fold(0.0, f64::max);
+                settings
+                    .least_s_m2
+                    .max(settings.least_share * strongest)
+                    .max(settings.least_share_of_late * scene.late_s_m2)
+            };
             // a touch that was there in the frame before goes on
             let goes_on = |k: usize| {
                 let at = best.spots[k].position_m;
@@ -186,7 +190,7 @@ impl Search {
                 let gain = (best.worth[k] - 1.0) * best.rest.max(least);
                 best.worth[k] < settings.least_ratio
                     || gain < settings.least_gain
-                    || best.strengths[k] < faint
+                    || best.strengths[k] < faint(k)
                     || best.strengths[k] < settings.least_share_of_here * here(k)
                     || is_beside(&best, k, MERGE * settings.apart_m, 1.0)
                     || is_beside(&best, k, BESIDE * settings.apart_m, BESIDE_SHARE)
