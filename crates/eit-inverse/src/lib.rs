@@ -32,8 +32,8 @@ pub use sequence::{
 };
 #[cfg(feature = "st-tv")]
 pub use st_tv::{
-    ChosenWeights, Fidelity, Gradient, StTv, StTvSettings, StTvStream, Stop, StreamSettings,
-    StreamStep, WeightPoint, WeightStatus,
+    CausalDual, CausalSettings, CausalStep, CausalStream, ChosenWeights, Fidelity, Gradient, StTv,
+    StTvSettings, StTvStream, Stop, StreamSettings, StreamStep, WeightPoint, WeightStatus,
 };
 pub use touch::{AdaptiveReference, ReferenceSettings, ReferenceState, ReferenceStep};
 pub use unevenness::{ReferenceModel, UnevenSheet, Unevenness};

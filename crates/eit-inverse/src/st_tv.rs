@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `batch`, `solve` | [`StTv`]: set-up, whole sequences |
 //! | `stream`, `window` | [`StTvStream`]: a sliding window |
+//! | `causal` | [`CausalStream`]: each frame anchored to the image before |
 //! | `weights`, `quiet` | weights from the noise, frames that hold nothing else |
 //! | `settings`, `gradient` | what a caller states |
 //! | `task`, `problem`, `run` | one sequence in inner units; what of it is solved; the two runs that find image and proof |
@@ -13,6 +14,7 @@
 //! | `kernel`, `float` | inner loops along the frames, in `f32` or `f64` |
 
 mod batch;
+mod causal;
 mod certificate;
 mod data;
 mod engine;
@@ -37,6 +39,7 @@ mod weights;
 mod window;
 
 pub use batch::StTv;
+pub use causal::{CausalDual, CausalSettings, CausalStep, CausalStream};
 pub use gradient::Gradient;
 pub use settings::{Fidelity, StTvSettings, Stop, StreamSettings};
 pub use stream::{StTvStream, StreamStep};

@@ -11,6 +11,7 @@
 
 mod common;
 
+use common::adjacent;
 use common::detector::{
     DT_S, ELECTRODES, FINGER, MEASUREMENTS, SKIN, TRUTH, distance_m, place, push, touched,
 };
@@ -186,4 +187,36 @@ fn what_quiet_frames_do_is_no_touch() {
         // five standard deviations of the place, which the wave's direction hardly costs
         assert!(distance_m(&touch, at) < 5e-3, "{touch:?}");
     }
+}
+
+/// A contact that gets worse changes all of its electrode's measurements by the same part. A bell near the
+/// electrode explains some of that; the gain explains all, and nothing is shown in its place.
+#[test]
+fn a_gain_is_no_touch() {
+    let quadruples = adjacent(ELECTRODES);
+    let of = |e: usize| (0..MEASUREMENTS).filter(|&i| quadruples[i].contains(&e)).collect();
+    let of_electrode: Vec<Vec<usize>> = (0..ELECTRODES).map(of).collect();
+    let settings = DetectorSettings::with_least(1e-8);
+    let model = SKIN.model(&[true; MEASUREMENTS]);
+    let unaware = TouchDetector::new(&model, settings.clone()).unwrap();
+    let aware = DetectorModel { of_electrode: &of_electrode, ..model };
+    let aware = TouchDetector::new(&aware, settings).unwrap();
+    let (mut random, mut fooled) = (Random::new(12), 0);
+    for (electrode, lost) in of_electrode.iter().enumerate() {
+        let mut frame = SKIN.model_v.clone();
+        lost.iter().for_each(|&i| frame[i] *= 0.995);
+        let frame = random.noisy(&frame, SKIN.noise_std_v[0]);
+        fooled += usize::from(!push(&mut unaware.clone(), &frame).is_empty());
+        let mut detector = aware.clone();
+        let step = detector.push(&frame, |_| false, DT_S).unwrap();
+        assert!(detector.touches().is_empty(), "{electrode}: {:?}", detector.touches());
+        assert_eq!(step.blamed, Some(electrode));
+        // and a finger is still a finger
+        let at = place(&mut random, 0.8);
+        let frame = random.noisy(&touched(&[(at, FINGER)]), SKIN.noise_std_v[0]);
+        let step = aware.clone().push(&frame, |_| false, DT_S).unwrap();
+        assert_eq!((push(&mut aware.clone(), &frame).len(), step.blamed), (1, None), "{at:?}");
+    }
+    // else the gain would prove nothing
+    assert!(fooled > ELECTRODES / 2, "{fooled}");
 }

@@ -36,6 +36,7 @@ use pulp::Arch;
 #[derive(Debug, Clone)]
 pub struct StTv {
     pub(crate) settings: StTvSettings,
+    pub(crate) gradient: Gradient,
     pub(crate) compression: Compression,
     pub(crate) full: Mode,
     pub(crate) parts: Parts,
@@ -81,7 +82,19 @@ impl StTv {
             Laplacian::new(&double.gradient, unknowns, &parts.label, parts.sizes.len())?;
         let full = Mode::full(&compression);
         let (arch, stop) = (Arch::new(), Stop::default());
-        Ok(Self { settings, compression, full, parts, single, double, laplacian, unit, arch, stop })
+        Ok(Self {
+            settings,
+            gradient: gradient.clone(),
+            compression,
+            full,
+            parts,
+            single,
+            double,
+            laplacian,
+            unit,
+            arch,
+            stop,
+        })
     }
 
     /// Independent directions of the data: coefficients a frame that the iteration works on.

@@ -26,6 +26,7 @@ pub(crate) trait Float:
     fn sqrt(self) -> Self;
     fn max(self, other: Self) -> Self;
     fn min(self, other: Self) -> Self;
+    fn abs(self) -> Self;
 }
 
 macro_rules! float {
@@ -57,6 +58,10 @@ macro_rules! float {
             #[inline(always)]
             fn min(self, other: Self) -> Self {
                 if self < other { self } else { other }
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                <$t>::abs(self)
             }
         }
     };

@@ -27,6 +27,19 @@ pub struct Gradient {
     values: Vec<f64>,
     /// Area that each unknown stands for.
     areas: Vec<f64>,
+    /// The grid of pixels; `None` on other bases.
+    raster: Option<Raster>,
+}
+
+/// Where the unknowns of a basis of pixels lie.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Raster {
+    /// Columns of the grid.
+    pub(crate) width: usize,
+    /// Place in the grid, row by row, of each unknown.
+    pub(crate) cells: Vec<usize>,
+    /// Edge of a pixel, metres.
+    pub(crate) pixel_m: f64,
 }
 
 impl Gradient {
@@ -47,6 +60,9 @@ impl Gradient {
         let inside = index.iter_mut().zip(mask.iter()).filter(|(_, inside)| **inside);
         inside.enumerate().for_each(|(next, (slot, _))| *slot = Some(next as u32));
         let mut this = Self::empty(unknowns, 2, vec![pixel_m * pixel_m; unknowns]);
+        let inside = mask.iter().enumerate().filter(|(_, inside)| **inside);
+        let cells = inside.map(|(cell, _)| cell).collect();
+        this.raster = Some(Raster { width: mask.ncols(), cells, pixel_m });
         for ((i, j), &pixel) in index.indexed_iter() {
             let Some(pixel) = pixel else { continue };
             let neighbours = [index.get((i, j + 1)), index.get((i + 1, j))];
@@ -110,13 +126,18 @@ impl Gradient {
 
     fn empty(unknowns: usize, components: usize, areas: Vec<f64>) -> Self {
         let (columns, values) = (Vec::new(), Vec::new());
-        Self { unknowns, components, row_starts: vec![0], columns, values, areas }
+        Self { unknowns, components, row_starts: vec![0], columns, values, areas, raster: None }
     }
 
     fn push_row(&mut self, columns: &[u32], values: &[f64]) {
         self.columns.extend_from_slice(columns);
         self.values.extend_from_slice(values);
         self.row_starts.push(self.columns.len());
+    }
+
+    /// The grid of pixels, where the basis is one.
+    pub(crate) fn raster(&self) -> Option<&Raster> {
+        self.raster.as_ref()
     }
 
     /// Length of an image.

@@ -34,6 +34,8 @@ pub(crate) struct Operators<T> {
     pub(crate) ready: Vec<Ready>,
     /// The transposed gradient.
     pub(crate) divergence: Rows<T>,
+    /// Number of each group in the caller's gradient, `[group]`.
+    pub(crate) order: Vec<u32>,
     /// Rows of a group: 1 or 2.
     pub(crate) components: usize,
     /// Radius of the dual ball of each group for a weight of 1, `[group]`.
@@ -124,7 +126,7 @@ impl<T: Float> Operators<T> {
         for p in (0..unknowns.next_multiple_of(BLOCK)).step_by(PANEL) {
             panels.extend((0..padded_rank).map(|k| std::array::from_fn(|r| entry(p + r, k))));
         }
-        let (rows, sizes) = scaled_rows(gradient);
+        let (rows, sizes, order) = scaled_rows(gradient);
         let mut transposed = vec![Vec::new(); unknowns];
         for (r, row) in rows.iter().enumerate() {
             row.iter().for_each(|&(p, v)| transposed[p as usize].push((r as u32, v)));
@@ -145,6 +147,7 @@ impl<T: Float> Operators<T> {
             ready: ready(&rows, &transposed, gradient.components()),
             groups: rows.chunks(gradient.components()).map(Group::new).collect(),
             divergence: Rows::from_rows(&transposed),
+            order,
             components: gradient.components(),
             radius: sizes.iter().map(|&s| T::from_f64(s)).collect(),
             time_radius: gradient.areas_m2().iter().map(|&a| T::from_f64(a)).collect(),
@@ -179,10 +182,11 @@ fn last_unknown(group: &[SparseRow]) -> usize {
 }
 
 /// Rows divided by the size of their group, and the sizes: half the largest sum of absolute values
-/// of a row, which is 1 for differences of pixels. Groups are sorted by their last unknown.
-fn scaled_rows(gradient: &Gradient) -> (Vec<SparseRow>, Vec<f64>) {
+/// of a row, which is 1 for differences of pixels. Groups are sorted by their last unknown; the last
+/// list has their numbers before.
+fn scaled_rows(gradient: &Gradient) -> (Vec<SparseRow>, Vec<f64>, Vec<u32>) {
     let components = gradient.components();
-    let mut groups: Vec<(f64, Vec<SparseRow>)> = (0..gradient.groups())
+    let mut groups: Vec<(f64, Vec<SparseRow>, u32)> = (0..gradient.groups())
         .map(|group| {
             let own = group * components..(group + 1) * components;
             let half = |r: usize| 0.5 * gradient.row(r).1.iter().map(|v| v.abs()).sum::<f64>();
@@ -191,10 +195,11 @@ fn scaled_rows(gradient: &Gradient) -> (Vec<SparseRow>, Vec<f64>) {
                 let (columns, values) = gradient.row(r);
                 columns.iter().zip(values).map(|(&c, v)| (c, v / size)).collect()
             };
-            (size, own.map(scaled).collect())
+            (size, own.map(scaled).collect(), group as u32)
         })
         .collect();
-    groups.sort_by_key(|(_, rows)| last_unknown(rows));
+    groups.sort_by_key(|(_, rows, _)| last_unknown(rows));
     let sizes = groups.iter().map(|group| group.0).collect();
-    (groups.into_iter().flat_map(|group| group.1).collect(), sizes)
+    let order = groups.iter().map(|group| group.2).collect();
+    (groups.into_iter().flat_map(|group| group.1).collect(), sizes, order)
 }

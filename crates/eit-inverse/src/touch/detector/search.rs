@@ -211,6 +211,15 @@ impl Search {
         self.best = best;
     }
 
+    /// Takes all touches back: what remembers explains the frame alone.
+    pub(super) fn take_back(&mut self, scene: &Scene<'_>, y: &[f64]) {
+        let mut best = std::mem::take(&mut self.best);
+        best.spots.clear();
+        best.worth.clear();
+        self.fit_strengths(scene, y, &mut best);
+        self.best = best;
+    }
+
     /// Factor by which what is left grows without each touch, places as they are.
     fn weigh(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit, least: f64) {
         let (touches, size) = (fit.spots.len(), fit.spots.len() + scene.memory.columns());

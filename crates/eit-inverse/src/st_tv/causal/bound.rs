@@ -1,0 +1,217 @@
+//! The proven lower bound of a frame.
+//!
+//! For any `y` and any `q` with `|q_g| <= lambda_space radius_g`, and `r = -(A' y + D' q)`,
+//!
+//! ```text
+//! penalised:    objective >= rest^2 / 2 - y.beta - |y|^2 / 2 + q.D x^ - sum h(r)
+//! constrained:  objective >= -y.beta - radius |y| + q.D x^ - sum h(r)
+//! h(r) = (r - lambda_time a) room above   where r >  lambda_time a
+//!        (-r - lambda_time a) room below  where r < -lambda_time a,   else 0
+//! ```
+//!
+//! which is infinite where there is no bound on that side. The equation holds exactly, as `r` is made
+//! from it; what does not fit is scaled: `(s y, s q, s r)` fits for `s <= 1 / kappa`.
+//!
+//! # Rounding
+//! `y` and its products with data are `f64`. The force `f = V F y` and `D' q` may be `f32`; both are
+//! sums of known terms, so that what rounding did to them is bounded by the sizes of these terms
+//! (Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd ed., 3.1), and that bound is added
+//! to every `|r|`.
+
+use super::differences::{Basis, Differences};
+use super::fields::Setting;
+use super::frame::{Engine, Problem};
+use super::lanes::{LANES, Lane, Project};
+use super::proof::{Expand, FlowSteps, Seek};
+use super::value::Record;
+
+/// Steps of a proof flow, and how many of them are shifted.
+const STEPS: usize = 40;
+const SHIFTED: usize = 10;
+
+/// A bound and what proves it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Proof {
+    pub(crate) bound: f64,
+    pub(crate) scale: f64,
+    /// Share of the smallest radius of a change that rounding takes.
+    pub(crate) rounding: f64,
+}
+
+/// Bounds the frame from the duals of the last iteration. `share` of the target gap is how much
+/// larger the boxes of the flow are than those that count.
+pub(crate) fn prove<T: Project>(
+    engine: &mut Engine<T>,
+    setting: &Setting<T>,
+    problem: &Problem<'_>,
+    record: &Record,
+    share: f64,
+) -> Proof {
+    engine.set_dual(setting, problem);
+    let rounding = set_force(engine, setting, problem);
+    let larger = 1.0 + share * problem.target_gap;
+    let weights = problem.weights;
+    for &cell in &setting.places.cells {
+        engine.proof.change[cell] = T::from_f64(record.change[cell]);
+    }
+    let how = FlowSteps {
+        steps: STEPS,
+        shifted: SHIFTED,
+        lambda_space: larger * weights.lambda_space,
+        lambda_time: larger * weights.lambda_time,
+        mu: weights.lambda_space * setting.mean_radius / weights.image,
+        bounded: problem.bounds.is_some(),
+    };
+    let (fields, start) = (&mut engine.proof, &engine.fields.flow);
+    let (anchor, room) = (engine.fields.anchor.as_slice(), &engine.fields.room);
+    let arch = problem.arch;
+    let ratio = match &setting.basis {
+        Basis::Grid(differences) => {
+            arch.dispatch(Seek { setting, differences, fields, start, anchor, room, how })
+        }
+        Basis::Gathered(differences) => arch.dispatch(Seek {
+            setting,
+            differences: differences.as_ref(),
+            fields,
+            start,
+            anchor,
+            room,
+            how,
+        }),
+    };
+    // norm, division and radius are rounded
+    let ratio = larger * ratio * (1.0 + 8.0 * T::EPSILON);
+    let parts = Parts { ratio, rounding, problem };
+    match &problem.exact.basis {
+        Basis::Grid(differences) => parts.best(engine, differences),
+        Basis::Gathered(differences) => parts.best(engine, differences.as_ref()),
+    }
+}
+
+/// Force of the data's dual; returns the largest error of it and of `D' q`.
+fn set_force<T: Project>(
+    engine: &mut Engine<T>,
+    setting: &Setting<T>,
+    problem: &Problem<'_>,
+) -> f64 {
+    let (rank, rows) = (setting.rank, problem.seen.rows);
+    let z = &mut engine.columns[0];
+    z.fill(0.0);
+    if problem.seen.is_whole {
+        for (k, y) in engine.dual.iter().enumerate().take(rank) {
+            z[k] = problem.seen.transposed[k * (rank + 1)] * y;
+        }
+    } else {
+        for (row, y) in problem.seen.transposed.chunks_exact(rank).zip(&engine.dual).take(rows) {
+            z.iter_mut().zip(row).for_each(|(z, f)| *z += f * y);
+        }
+    }
+    let norm = z.iter().map(|z| z * z).sum::<f64>().sqrt();
+    for (out, z) in engine.ranks.iter_mut().zip(z.iter()) {
+        *out = T::from_f64(*z);
+    }
+    let (z, out) = (&engine.ranks, &mut engine.proof.force);
+    problem.arch.dispatch(Expand { setting, ranks: 0..setting.padded, z, out });
+    let unit = 0.5 * T::EPSILON;
+    // both factors rounded, then a sum of so many terms
+    let products = (setting.padded as f64 + 3.0) * unit * 1.01;
+    let [terms, sum] = setting.adjoint_terms;
+    // the flow may be twice its radius; the weights are rounded too
+    let adjoint = (terms + 4.0) * unit * 1.01 * 2.0 * sum * problem.weights.lambda_space;
+    // the last sum, of a force that is at most the two
+    let last = unit * (setting.longest_row * norm + sum * 2.0 * problem.weights.lambda_space);
+    products * setting.longest_row * norm + adjoint + last
+}
+
+/// What the bound is made of.
+struct Parts<'a> {
+    ratio: f64,
+    rounding: f64,
+    problem: &'a Problem<'a>,
+}
+
+impl Parts<'_> {
+    /// The best bound over the scales that fit.
+    fn best<T: Project, D: Differences<f64>>(&self, engine: &Engine<T>, differences: &D) -> Proof {
+        let Self { ratio, rounding, problem } = self;
+        let weights = problem.weights;
+        let rows = problem.seen.rows;
+        let dual = &engine.dual[..rows];
+        let mut linear = -super::iterate::dot(dual, &problem.beta[..rows]);
+        let mut square = super::iterate::dot(dual, dual);
+        if let Some(ball) = problem.ball {
+            linear -= (ball * square).sqrt();
+            square = 0.0;
+        }
+        let (mut kappa, mut hard) = (*ratio, *ratio);
+        let mut least_radius = f64::INFINITY;
+        self.for_lanes(engine, differences, |e, room, radius| {
+            let radius = weights.lambda_time * radius;
+            least_radius = least_radius.min(radius);
+            let own = (e.abs() + rounding) / radius;
+            hard = hard.max(own);
+            if !(if e > 0.0 { room[0] } else { room[1] }).is_finite() {
+                kappa = kappa.max(own);
+            }
+        });
+        linear += self.along(engine, differences);
+        let constant = if problem.ball.is_some() { 0.0 } else { 0.5 * problem.target.rest_squared };
+        let mut best = Proof { bound: constant, scale: 0.0, rounding: rounding / least_radius };
+        if !(linear > 0.0 && kappa.is_finite()) {
+            return best;
+        }
+        let parabola = if square > 0.0 { linear / square } else { f64::INFINITY };
+        let bounded = problem.bounds.is_some();
+        for kappa in &[kappa, hard, kappa.max(1.0)][..if bounded { 3 } else { 1 }] {
+            let scale = (1.0 / kappa).min(parabola);
+            let mut bound = constant + scale * linear - 0.5 * scale * scale * square;
+            if bounded {
+                self.for_lanes(engine, differences, |e, room, radius| {
+                    let over = scale * (e.abs() + rounding) - weights.lambda_time * radius;
+                    let room = if e > 0.0 { -room[0] } else { room[1] };
+                    if over > 0.0 && room > 0.0 && room.is_finite() {
+                        bound -= over * room;
+                    }
+                });
+            }
+            if bound > best.bound {
+                (best.bound, best.scale) = (bound, scale);
+            }
+        }
+        best
+    }
+
+    /// Calls with `e = f + D' q`, the room below and above, and the radius of each unknown.
+    fn for_lanes<T: Project, D: Differences<f64>>(
+        &self,
+        engine: &Engine<T>,
+        differences: &D,
+        mut call: impl FnMut(f64, [f64; 2], f64),
+    ) {
+        let Self { problem, .. } = self;
+        let [lower, upper] = problem.bounds.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+        for &at in &problem.exact.places.blocks {
+            let radius = differences.cell_radius(at);
+            for (l, radius) in radius.iter().enumerate() {
+                let x = problem.anchor[at + l];
+                if problem.exact.inside[at + l] > 0.0 {
+                    let e = engine.proof.error[at + l].to_f64();
+                    call(e, [lower - x, upper - x], *radius);
+                }
+            }
+        }
+    }
+
+    /// `q.D x^`.
+    fn along<T: Project, D: Differences<f64>>(&self, engine: &Engine<T>, differences: &D) -> f64 {
+        let mut sum: Lane<f64> = [0.0; LANES];
+        for &at in differences.group_blocks() {
+            let [a, b] = differences.difference(self.problem.anchor, at);
+            for l in 0..LANES {
+                let [qa, qb] = [0, 1].map(|c| engine.proof.flow[c][at + l].to_f64());
+                sum[l] += qa * a[l] + qb * b[l];
+            }
+        }
+        super::lanes::total(&sum)
+    }
+}

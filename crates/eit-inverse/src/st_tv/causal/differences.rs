@@ -1,0 +1,340 @@
+//! Where unknowns and groups of the gradient lie in memory, and the gradient on them.
+//!
+//! A raster keeps its grid, with room around it, so that neighbours are whole lanes a fixed distance
+//! away; cells outside the mask hold zeros for ever, since their steps are zero. Any other basis
+//! stands one unknown after the other and gathers by index.
+
+use super::lanes::{LANES, Lane, PANEL, each, load, splat};
+use crate::st_tv::float::Float;
+use crate::st_tv::gradient::Gradient;
+use crate::st_tv::operators::Operators;
+
+/// Where the unknowns are.
+#[derive(Debug, Clone)]
+pub(crate) struct Places {
+    /// First cell of each block; whole panels of them.
+    pub(crate) blocks: Vec<usize>,
+    /// Cell of each unknown.
+    pub(crate) cells: Vec<usize>,
+    /// Length of an array over the cells.
+    pub(crate) length: usize,
+}
+
+/// The gradient on lanes of cells. Rows are scaled and groups have radii as in [`Operators`].
+pub(crate) trait Differences<T: Float> {
+    /// First places of the blocks of groups.
+    fn group_blocks(&self) -> &[usize];
+    /// `(D' q)` of the block of cells with this number and first cell.
+    fn adjoint(&self, q: &[Vec<T>; 2], block: usize, at: usize) -> Lane<T>;
+    /// Both components of `(D x)` of the block of groups at a place.
+    fn difference(&self, x: &[T], at: usize) -> [Lane<T>; 2];
+    /// Radii of the block of groups at a place.
+    fn group_radius(&self, at: usize) -> Lane<T>;
+    /// Radii of the change of the block of cells at a place.
+    fn cell_radius(&self, at: usize) -> Lane<T>;
+    /// Largest of the values, 0 or above, that the groups at a place touch.
+    fn group_largest(&self, x: &[T], at: usize) -> Lane<T>;
+    /// Largest of the groups' values, 0 or above, that touch the block of cells.
+    fn cell_largest(&self, m: &[T], block: usize, at: usize) -> Lane<T>;
+}
+
+/// One-sided differences on a grid.
+#[derive(Debug, Clone)]
+pub(crate) struct Grid<T> {
+    width: usize,
+    /// First cell of each block that holds pixels.
+    blocks: Vec<usize>,
+    /// 1 where the right neighbour, and where the lower one, is inside the mask, else 0.
+    right: Vec<T>,
+    down: Vec<T>,
+    radius: T,
+    time_radius: T,
+}
+
+/// Differences by index.
+#[derive(Debug, Clone)]
+pub(crate) struct Gathered<T> {
+    group_blocks: Vec<usize>,
+    /// Unknowns of each group and their weights, `[place][group]` and `[component][place][group]`.
+    unknowns: [Vec<u32>; 3],
+    weights: [[Vec<T>; 3]; 2],
+    radius: Vec<T>,
+    time_radius: Vec<T>,
+    /// Entries of `D'` of a block of cells: `starts[block]..starts[block + 1]`, a lane each.
+    starts: Vec<u32>,
+    entries: Vec<Entry<T>>,
+}
+
+/// One entry of `D'` for each cell of a block.
+#[derive(Debug, Clone)]
+struct Entry<T> {
+    group: [u32; LANES],
+    /// By component; 0 where a cell has fewer entries.
+    weight: [Lane<T>; 2],
+    /// 1 where the cell belongs to the group.
+    belongs: Lane<T>,
+}
+
+/// The gradient in the form that fits the basis.
+#[derive(Debug, Clone)]
+pub(crate) enum Basis<T> {
+    Grid(Grid<T>),
+    Gathered(Box<Gathered<T>>),
+}
+
+impl<T: Float> Basis<T> {
+    pub(crate) fn new(gradient: &Gradient, ops: &Operators<T>) -> (Self, Places) {
+        match gradient.raster() {
+            Some(raster) => {
+                let (grid, places) = Grid::new(raster.width, &raster.cells, raster.pixel_m);
+                (Self::Grid(grid), places)
+            }
+            None => {
+                let (gathered, places) = Gathered::new(ops);
+                (Self::Gathered(Box::new(gathered)), places)
+            }
+        }
+    }
+
+    /// Length of an array over the groups.
+    pub(crate) fn group_length(&self, places: &Places) -> usize {
+        match self {
+            Self::Grid(_) => places.length,
+            Self::Gathered(gathered) => gathered.radius.len(),
+        }
+    }
+
+    /// Place and scale of each of the caller's groups: the caller's dual is `q / size` of ours.
+    pub(crate) fn group_places(
+        &self,
+        gradient: &Gradient,
+        ops: &Operators<T>,
+        places: &Places,
+    ) -> Vec<usize> {
+        let mut out = vec![0; gradient.groups()];
+        match self {
+            Self::Grid(_) => {
+                for (group, out) in out.iter_mut().enumerate() {
+                    let rows = [2 * group, 2 * group + 1].map(|row| gradient.row(row).0.first());
+                    if let [Some(&pixel), _] | [None, Some(&pixel)] = rows {
+                        *out = places.cells[pixel as usize];
+                    }
+                }
+            }
+            Self::Gathered(_) => {
+                for (place, &group) in ops.order.iter().enumerate() {
+                    out[group as usize] = place;
+                }
+            }
+        }
+        out
+    }
+}
+
+impl<T: Float> Grid<T> {
+    fn new(width: usize, pixels: &[usize], pixel_m: f64) -> (Self, Places) {
+        let room = (width + 1).next_multiple_of(LANES);
+        let last = pixels.last().copied().unwrap_or(0);
+        let cells: Vec<usize> = pixels.iter().map(|cell| room + cell).collect();
+        let end = (room + last + 1).next_multiple_of(LANES);
+        // a block without pixels fills the last panel
+        let idle = end + room;
+        let length = idle + LANES + room;
+        let one = T::from_f64(1.0);
+        let mut inside = vec![false; length];
+        cells.iter().for_each(|&cell| inside[cell] = true);
+        let (mut right, mut down) = (vec![T::default(); length], vec![T::default(); length]);
+        for &cell in &cells {
+            let at_edge = (cell - room) % width + 1 == width;
+            if inside[cell + 1] && !at_edge {
+                right[cell] = one;
+            }
+            if inside[cell + width] {
+                down[cell] = one;
+            }
+        }
+        let blocks: Vec<usize> = (room..end)
+            .step_by(LANES)
+            .filter(|&first| inside[first..first + LANES].contains(&true))
+            .collect();
+        let mut padded = blocks.clone();
+        padded.resize(blocks.len().next_multiple_of(PANEL / LANES), idle);
+        let (radius, time_radius) = (T::from_f64(pixel_m), T::from_f64(pixel_m * pixel_m));
+        let grid = Self { width, blocks, right, down, radius, time_radius };
+        (grid, Places { blocks: padded, cells, length })
+    }
+}
+
+impl<T: Float> Differences<T> for Grid<T> {
+    #[inline(always)]
+    fn group_blocks(&self) -> &[usize] {
+        &self.blocks
+    }
+
+    #[inline(always)]
+    fn adjoint(&self, q: &[Vec<T>; 2], _: usize, at: usize) -> Lane<T> {
+        let (left, here) = (load(&q[0], at - 1), load(&q[0], at));
+        let (above, below) = (load(&q[1], at - self.width), load(&q[1], at));
+        each(|l| (left[l] - here[l]) + (above[l] - below[l]))
+    }
+
+    #[inline(always)]
+    fn difference(&self, x: &[T], at: usize) -> [Lane<T>; 2] {
+        let (here, right, down) = (load(x, at), load(x, at + 1), load(x, at + self.width));
+        let (has_right, has_down) = (load(&self.right, at), load(&self.down, at));
+        [each(|l| has_right[l] * (right[l] - here[l])), each(|l| has_down[l] * (down[l] - here[l]))]
+    }
+
+    #[inline(always)]
+    fn group_radius(&self, _: usize) -> Lane<T> {
+        splat(self.radius)
+    }
+
+    #[inline(always)]
+    fn cell_radius(&self, _: usize) -> Lane<T> {
+        splat(self.time_radius)
+    }
+
+    #[inline(always)]
+    fn group_largest(&self, x: &[T], at: usize) -> Lane<T> {
+        let (here, right, down) = (load(x, at), load(x, at + 1), load(x, at + self.width));
+        let (has_right, has_down) = (load(&self.right, at), load(&self.down, at));
+        each(|l| here[l].max(has_right[l] * right[l]).max(has_down[l] * down[l]))
+    }
+
+    #[inline(always)]
+    fn cell_largest(&self, m: &[T], _: usize, at: usize) -> Lane<T> {
+        let here = load(m, at);
+        let (left, above) = (load(m, at - 1), load(m, at - self.width));
+        let (has_left, has_above) = (load(&self.right, at - 1), load(&self.down, at - self.width));
+        each(|l| here[l].max(has_left[l] * left[l]).max(has_above[l] * above[l]))
+    }
+}
+
+impl<T: Float> Gathered<T> {
+    fn new(ops: &Operators<T>) -> (Self, Places) {
+        let (zero, one) = (T::default(), T::from_f64(1.0));
+        let length = ops.unknowns.next_multiple_of(PANEL);
+        let groups = ops.groups.len().next_multiple_of(LANES);
+        let mut unknowns: [Vec<u32>; 3] = std::array::from_fn(|_| vec![0; groups]);
+        let mut weights: [[Vec<T>; 3]; 2] =
+            std::array::from_fn(|_| std::array::from_fn(|_| vec![zero; groups]));
+        let mut radius = vec![one; groups];
+        // what each cell has of D': group and weights
+        let mut columns: Vec<Vec<(u32, [T; 2])>> = vec![Vec::new(); length];
+        for (g, group) in ops.groups.iter().enumerate() {
+            radius[g] = ops.radius[g];
+            for place in 0..3 {
+                unknowns[place][g] = group.unknowns[place];
+                let own = [group.weights[0][place], group.weights[1][place]];
+                (weights[0][place][g], weights[1][place][g]) = (own[0], own[1]);
+                if own != [zero; 2] {
+                    columns[group.unknowns[place] as usize].push((g as u32, own));
+                }
+            }
+        }
+        let mut time_radius = vec![one; length];
+        time_radius[..ops.unknowns].copy_from_slice(&ops.time_radius);
+        let blocks: Vec<usize> = (0..length).step_by(LANES).collect();
+        let (mut starts, mut entries) = (vec![0], Vec::new());
+        for &first in &blocks {
+            let own = &columns[first..first + LANES];
+            for k in 0..own.iter().map(Vec::len).max().unwrap_or(0) {
+                let mut entry =
+                    Entry { group: [0; LANES], weight: [[zero; LANES]; 2], belongs: [zero; LANES] };
+                for (l, column) in own.iter().enumerate() {
+                    if let Some(&(group, [first, second])) = column.get(k) {
+                        entry.group[l] = group;
+                        entry.weight[0][l] = first;
+                        entry.weight[1][l] = second;
+                        entry.belongs[l] = one;
+                    }
+                }
+                entries.push(entry);
+            }
+            starts.push(entries.len() as u32);
+        }
+        let group_blocks = (0..groups).step_by(LANES).collect();
+        let cells = (0..ops.unknowns).collect();
+        let this = Self { group_blocks, unknowns, weights, radius, time_radius, starts, entries };
+        (this, Places { blocks, cells, length })
+    }
+
+    /// The values at a lane of indices.
+    #[inline(always)]
+    fn gather(values: &[T], at: &[u32]) -> Lane<T> {
+        let mut out = [T::default(); LANES];
+        for (out, &i) in out.iter_mut().zip(at) {
+            *out = values[i as usize];
+        }
+        out
+    }
+
+    #[inline(always)]
+    fn own(&self, block: usize) -> &[Entry<T>] {
+        &self.entries[self.starts[block] as usize..self.starts[block + 1] as usize]
+    }
+}
+
+impl<T: Float> Differences<T> for Gathered<T> {
+    #[inline(always)]
+    fn group_blocks(&self) -> &[usize] {
+        &self.group_blocks
+    }
+
+    #[inline(always)]
+    fn adjoint(&self, q: &[Vec<T>; 2], block: usize, _: usize) -> Lane<T> {
+        let mut sum = [T::default(); LANES];
+        for entry in self.own(block) {
+            let first = Self::gather(&q[0], &entry.group);
+            let second = Self::gather(&q[1], &entry.group);
+            let [a, b] = &entry.weight;
+            sum = each(|l| a[l].mul_add(first[l], b[l].mul_add(second[l], sum[l])));
+        }
+        sum
+    }
+
+    #[inline(always)]
+    fn difference(&self, x: &[T], at: usize) -> [Lane<T>; 2] {
+        let mut out = [[T::default(); LANES]; 2];
+        for place in 0..3 {
+            let x = Self::gather(x, &self.unknowns[place][at..at + LANES]);
+            for (out, weights) in out.iter_mut().zip(&self.weights) {
+                let w = load(&weights[place], at);
+                let before = *out;
+                *out = each(|l| w[l].mul_add(x[l], before[l]));
+            }
+        }
+        out
+    }
+
+    #[inline(always)]
+    fn group_radius(&self, at: usize) -> Lane<T> {
+        load(&self.radius, at)
+    }
+
+    #[inline(always)]
+    fn cell_radius(&self, at: usize) -> Lane<T> {
+        load(&self.time_radius, at)
+    }
+
+    #[inline(always)]
+    fn group_largest(&self, x: &[T], at: usize) -> Lane<T> {
+        let mut most = [T::default(); LANES];
+        for unknowns in &self.unknowns {
+            let x = Self::gather(x, &unknowns[at..at + LANES]);
+            most = each(|l| most[l].max(x[l]));
+        }
+        most
+    }
+
+    #[inline(always)]
+    fn cell_largest(&self, m: &[T], block: usize, _: usize) -> Lane<T> {
+        let mut most = [T::default(); LANES];
+        for entry in self.own(block) {
+            let m = Self::gather(m, &entry.group);
+            most = each(|l| most[l].max(entry.belongs[l] * m[l]));
+        }
+        most
+    }
+}

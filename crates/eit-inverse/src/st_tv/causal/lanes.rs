@@ -1,0 +1,193 @@
+//! Inner loops of the causal stream: whole lanes of [`LANES`] neighbouring cells, and panels of
+//! [`PANEL`] cells for the products with the basis.
+//!
+//! Arrays of a fixed length, taken and given by value, become registers: 16 values of `f32` are one
+//! register of 512 bits or two of 256. Everything is `inline(always)` for the reason given in
+//! [`crate::st_tv::kernel`]; closures are kept out of `map` for the same one.
+
+use crate::st_tv::float::Float;
+use pulp::Simd;
+
+/// Cells that are handled together.
+pub(crate) const LANES: usize = 16;
+/// Lanes of a panel.
+pub(crate) const BLOCKS: usize = 4;
+/// Cells of a panel.
+pub(crate) const PANEL: usize = LANES * BLOCKS;
+
+/// Neighbouring values.
+pub(crate) type Lane<T> = [T; LANES];
+
+/// The lane at a place.
+#[inline(always)]
+pub(crate) fn load<T: Float>(values: &[T], at: usize) -> Lane<T> {
+    let mut out = [T::default(); LANES];
+    out.copy_from_slice(&values[at..at + LANES]);
+    out
+}
+
+/// Puts a lane to its place.
+#[inline(always)]
+pub(crate) fn store<T: Float>(values: &mut [T], at: usize, lane: Lane<T>) {
+    values[at..at + LANES].copy_from_slice(&lane);
+}
+
+/// One value for each lane.
+#[inline(always)]
+pub(crate) fn each<T: Float>(mut value: impl FnMut(usize) -> T) -> Lane<T> {
+    let mut out = [T::default(); LANES];
+    for (l, out) in out.iter_mut().enumerate() {
+        *out = value(l);
+    }
+    out
+}
+
+/// The same value in every lane.
+#[inline(always)]
+pub(crate) fn splat<T: Float>(value: T) -> Lane<T> {
+    [value; LANES]
+}
+
+/// `value` moved into `[-limit, limit]`.
+#[inline(always)]
+pub(crate) fn clip<T: Float>(value: T, limit: T) -> T {
+    value.min(limit).max(T::default() - limit)
+}
+
+/// `min(1, radius / |(a, b)|)`.
+#[inline(always)]
+pub(crate) fn shrink<T: Float>(a: Lane<T>, b: Lane<T>, radius: Lane<T>) -> Lane<T> {
+    each(|l| {
+        let square = a[l].mul_add(a[l], b[l] * b[l]);
+        radius[l] / square.max(radius[l] * radius[l]).sqrt()
+    })
+}
+
+/// Sum of the lanes, in pairs.
+#[inline(always)]
+pub(crate) fn total<T: Float>(lane: &Lane<T>) -> T {
+    let mut part = *lane;
+    let mut width = LANES / 2;
+    while width > 0 {
+        for l in 0..width {
+            part[l] += part[l + width];
+        }
+        width /= 2;
+    }
+    part[0]
+}
+
+/// Largest of the lanes.
+#[inline(always)]
+pub(crate) fn largest<T: Float>(lane: &Lane<T>) -> T {
+    let mut most = lane[0];
+    for value in lane {
+        most = most.max(*value);
+    }
+    most
+}
+
+/// Entries of a basis as they are stored: whole, or as shares of 32767 of the largest of their rank.
+pub(crate) trait Entry<T>: Copy {
+    /// The entry, in units of its rank.
+    fn value(self) -> T;
+}
+
+impl<T: Float> Entry<T> for T {
+    #[inline(always)]
+    fn value(self) -> T {
+        self
+    }
+}
+
+impl Entry<f32> for i16 {
+    #[inline(always)]
+    fn value(self) -> f32 {
+        f32::from(self)
+    }
+}
+
+/// The product that the compiler would spoil: it runs lanes along the ranks, with gathers. And what
+/// there is of shorter entries.
+pub(crate) trait Project: Float {
+    /// Entries of half the length, which halve what comes from the second cache; `Self` where there are
+    /// none.
+    type Short: Entry<Self> + Send + Sync + std::fmt::Debug;
+    /// Are they shorter?
+    const HAS_SHORT: bool;
+
+    /// An entry relative to the largest of its rank.
+    fn shorten(share: f64) -> Self::Short;
+
+    /// `sums[k] += sum over the panel of basis[k] w`, kept in lanes.
+    fn project<S: Simd, E: Entry<Self>>(
+        simd: S,
+        basis: &[[E; PANEL]],
+        w: &[Lane<Self>; BLOCKS],
+        sums: &mut [Lane<Self>],
+    );
+}
+
+macro_rules! project {
+    ($t:ty, $short:ty, $read:ident, $write:ident, $mul_add:ident, $shorten:expr) => {
+        impl Project for $t {
+            type Short = $short;
+            const HAS_SHORT: bool = size_of::<$short>() < size_of::<$t>();
+
+            #[inline(always)]
+            fn shorten(share: f64) -> $short {
+                $shorten(share)
+            }
+
+            #[inline(always)]
+            fn project<S: Simd, E: Entry<Self>>(
+                simd: S,
+                basis: &[[E; PANEL]],
+                w: &[Lane<Self>; BLOCKS],
+                sums: &mut [Lane<Self>],
+            ) {
+                let w = S::$read(w.as_flattened()).0;
+                for (row, sum) in basis.iter().zip(sums) {
+                    let mut wide = [0.0; PANEL];
+                    for (wide, entry) in wide.iter_mut().zip(row) {
+                        *wide = entry.value();
+                    }
+                    let (row, sum) = (S::$read(&wide).0, S::$write(sum).0);
+                    let width = sum.len();
+                    for (i, sum) in sum.iter_mut().enumerate() {
+                        let mut own = *sum;
+                        for j in 0..BLOCKS {
+                            let at = j * width + i;
+                            own = simd.$mul_add(row[at], w[at], own);
+                        }
+                        *sum = own;
+                    }
+                }
+            }
+        }
+    };
+}
+/// Largest short entry.
+const LARGEST: f64 = 32767.0;
+project!(f32, i16, as_simd_f32s, as_mut_simd_f32s, mul_add_f32s, |s: f64| (s * LARGEST).round()
+    as i16);
+project!(f64, f64, as_simd_f64s, as_mut_simd_f64s, mul_add_f64s, |s: f64| s * LARGEST);
+
+/// Unit of a rank's short entries whose largest is `largest`.
+pub(crate) fn short_unit(largest: f64) -> f64 {
+    if largest > 0.0 { largest / LARGEST } else { 0.0 }
+}
+
+/// `sum over k of basis[k] z[k]` on the panel.
+#[inline(always)]
+pub(crate) fn expand<T: Float, E: Entry<T>>(basis: &[[E; PANEL]], z: &[T]) -> [Lane<T>; BLOCKS] {
+    let mut sums = [[T::default(); LANES]; BLOCKS];
+    for (row, z) in basis.iter().zip(z) {
+        for (j, sum) in sums.iter_mut().enumerate() {
+            for l in 0..LANES {
+                sum[l] = row[LANES * j + l].value().mul_add(*z, sum[l]);
+            }
+        }
+    }
+    sums
+}

@@ -1,0 +1,504 @@
+//! The step map: how far each unknown may go in one iteration, and the exact data step in that metric.
+//!
+//! ```text
+//! g     = largest of: the gradient of the images at hand, dilated by two; the linear image of the
+//!         innovation; a share of their largest value
+//! tau   = c (X / lambda_space) sqrt(g / X)
+//! sigma = 1 / ((|D|^2 + 1) max tau over the group)      |Sigma^1/2 [D; I] T^1/2| <= 1
+//! ```
+//!
+//! Large steps where the image may move, small ones where it is flat; the floor and the innovation
+//! let new objects come.
+
+use super::differences::{Basis, Differences};
+use super::fields::{Fields, Setting};
+use super::iterate::{dot, rows_times};
+use super::lanes::{LANES, Lane, Project, each, largest, load, splat, store};
+use super::seen::Seen;
+use crate::InverseError;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
+use faer::{Col, Mat, Par, Spec};
+use pulp::{Arch, Simd, WithSimd};
+
+/// `c` above, for a largest singular value of 1: between 0.04 and 0.08 the iterations of a steady frame
+/// differ by a tenth.
+const STEP: f64 = 0.057;
+/// Least scale relative to the image's.
+const FLOOR: f64 = 2e-3;
+/// The tail is an explicit step: `tau s^2` at most.
+const EXPLICIT: f64 = 0.04;
+
+/// The map's matrices.
+pub(crate) struct StepMap<T> {
+    /// Ranks that the iteration fits exactly.
+    pub(crate) head: usize,
+    /// Scale of what may change, over cells, and scratch over groups.
+    pub(crate) scale: Vec<T>,
+    spread: Vec<T>,
+    groups: Vec<T>,
+    /// `V' T V`, `[padded rank][padded rank]`, upper triangle.
+    gram: Vec<T>,
+    /// `M = (I + F' V' T V F)^-1`, `[row of F'][row of F']`; of the head for whole frames.
+    pub(crate) inverse: Vec<f64>,
+    pub(crate) head_inverse: Vec<T>,
+    /// For dense steps: `F'` and `F M`, or both turned by the eigenvectors.
+    pub(crate) transposed: Vec<f64>,
+    pub(crate) back: Vec<f64>,
+    pub(crate) values: Vec<f64>,
+    /// Eigenvectors by rows.
+    pub(crate) vectors: Vec<f64>,
+    work: Vec<f64>,
+    eigen: Option<Eigen>,
+    /// Step of the smallest scale, and the largest step.
+    pub(crate) largest_tau: f64,
+}
+
+impl<T> std::fmt::Debug for StepMap<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("StepMap").field("head", &self.head).finish_non_exhaustive()
+    }
+}
+
+/// Memory of the eigenvalues, which only a constrained data term needs.
+struct Eigen {
+    matrix: Mat<f64>,
+    vectors: Mat<f64>,
+    values: Col<f64>,
+    memory: MemBuffer,
+}
+
+/// Weights of a frame in inner units.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Weights {
+    pub(crate) lambda_space: f64,
+    pub(crate) lambda_time: f64,
+    /// Scale of the image.
+    pub(crate) image: f64,
+    /// Smoothing of the duals.
+    pub(crate) gamma: f64,
+    /// Share of the step that is best without bounds: the forces of bounds have far to go, and want
+    /// smaller steps of the image.
+    pub(crate) step: f64,
+}
+
+impl<T: Project> StepMap<T> {
+    pub(crate) fn new(setting: &Setting<T>, constrained: bool) -> Self {
+        let (rank, padded) = (setting.rank, setting.padded);
+        let cells = vec![T::default(); setting.places.length];
+        let yes = ComputeEigenvectors::Yes;
+        let eigen = constrained.then(|| Eigen {
+            matrix: Mat::zeros(rank, rank),
+            vectors: Mat::zeros(rank, rank),
+            values: Col::zeros(rank),
+            memory: MemBuffer::new(self_adjoint_evd_scratch::<f64>(
+                rank,
+                yes,
+                Par::Seq,
+                Spec::default(),
+            )),
+        });
+        let square = || vec![0.0; rank * rank];
+        Self {
+            head: padded,
+            scale: cells.clone(),
+            spread: cells,
+            groups: vec![T::default(); setting.basis.group_length(&setting.places)],
+            gram: vec![T::default(); padded * padded],
+            inverse: vec![0.0; padded * padded],
+            head_inverse: vec![T::default(); padded * padded],
+            transposed: square(),
+            back: square(),
+            values: vec![0.0; rank],
+            vectors: square(),
+            work: square(),
+            eigen,
+            largest_tau: 0.0,
+        }
+    }
+
+    /// Starts a new scale.
+    pub(crate) fn clear(&mut self) {
+        self.scale.fill(T::default());
+    }
+
+    /// Raises the scale to `share` times the size of the values, over cells.
+    pub(crate) fn raise(&mut self, values: &[T], share: f64) {
+        let share = T::from_f64(share);
+        for (scale, value) in self.scale.iter_mut().zip(values) {
+            *scale = scale.max(share * value.abs());
+        }
+    }
+
+    /// Raises the scale to the dilated gradient of an image.
+    pub(crate) fn raise_to_gradient(&mut self, arch: Arch, setting: &Setting<T>, image: &[T]) {
+        let Self { scale, spread, groups, .. } = self;
+        match &setting.basis {
+            Basis::Grid(differences) => {
+                arch.dispatch(Dilate { setting, differences, image, scale, spread, groups });
+            }
+            Basis::Gathered(differences) => {
+                arch.dispatch(Dilate {
+                    setting,
+                    differences: differences.as_ref(),
+                    image,
+                    scale,
+                    spread,
+                    groups,
+                });
+            }
+        }
+    }
+
+    /// Sets steps and matrices from the scale.
+    ///
+    /// # Errors
+    /// [`InverseError::Factorisation`] where the eigenvalues of a constrained frame fail.
+    pub(crate) fn set(
+        &mut self,
+        arch: Arch,
+        setting: &Setting<T>,
+        fields: &mut Fields<T>,
+        seen: &Seen,
+        weights: Weights,
+    ) -> Result<(), InverseError> {
+        let scale = &self.scale;
+        self.largest_tau = match &setting.basis {
+            Basis::Grid(differences) => {
+                arch.dispatch(Sizes { setting, differences, fields: &mut *fields, scale, weights })
+            }
+            Basis::Gathered(differences) => arch.dispatch(Sizes {
+                setting,
+                differences: differences.as_ref(),
+                fields: &mut *fields,
+                scale,
+                weights,
+            }),
+        };
+        let is_dense = self.eigen.is_some() || !seen.is_whole;
+        self.head = if is_dense { setting.padded } else { self.ranks(setting, seen) };
+        arch.dispatch(Gram { setting, tau: &fields.tau, ranks: self.head, out: &mut self.gram });
+        if is_dense {
+            self.set_dense(arch, setting, seen)
+        } else {
+            self.set_head(arch, setting, seen)
+        }
+    }
+
+    /// Ranks of the head for whole frames.
+    fn ranks(&self, setting: &Setting<T>, seen: &Seen) -> usize {
+        let square = |k: &usize| seen.transposed[k * (setting.rank + 1)].powi(2);
+        let strong = (0..setting.rank).take_while(|k| self.largest_tau * square(k) > EXPLICIT);
+        strong.count().next_multiple_of(LANES).clamp(LANES, setting.padded)
+    }
+
+    fn set_head(
+        &mut self,
+        arch: Arch,
+        setting: &Setting<T>,
+        seen: &Seen,
+    ) -> Result<(), InverseError> {
+        let (head, padded, rank) = (self.head, setting.padded, setting.rank);
+        let singular = |k: usize| if k < rank { seen.transposed[k * (rank + 1)] } else { 0.0 };
+        for i in 0..head {
+            for j in 0..=i {
+                let own = self.gram[j * padded + i].to_f64() * singular(i) * singular(j);
+                self.inverse[i * head + j] = own;
+                self.inverse[j * head + i] = own;
+            }
+            self.inverse[i * head + i] += 1.0;
+        }
+        arch.dispatch(Invert { matrix: &mut self.inverse[..head * head], n: head });
+        for (out, value) in self.head_inverse.iter_mut().zip(&self.inverse[..head * head]) {
+            *out = T::from_f64(*value);
+        }
+        Ok(())
+    }
+
+    fn set_dense(
+        &mut self,
+        arch: Arch,
+        setting: &Setting<T>,
+        seen: &Seen,
+    ) -> Result<(), InverseError> {
+        let (rank, rows, padded) = (setting.rank, seen.rows, setting.padded);
+        for i in 0..rank {
+            for j in 0..=i {
+                let own = self.gram[j * padded + i].to_f64();
+                self.work[i * rank + j] = own;
+                self.work[j * rank + i] = own;
+            }
+        }
+        let Self { work, vectors, inverse, transposed, back, values, eigen, .. } = self;
+        let inverse = &mut inverse[..rows * rows];
+        arch.dispatch(Congruent {
+            f: &seen.transposed,
+            gram: work,
+            half: vectors,
+            rank,
+            rows,
+            out: inverse,
+        });
+        match eigen {
+            None => {
+                for i in 0..rows {
+                    inverse[i * rows + i] += 1.0;
+                }
+                arch.dispatch(Invert { matrix: inverse, n: rows });
+                transposed.copy_from_slice(&seen.transposed);
+                // F M, rows of it: sums of rows of M
+                back[..rank * rows].fill(0.0);
+                for (f, m) in seen.transposed.chunks_exact(rank).zip(inverse.chunks_exact(rows)) {
+                    for (f, out) in f.iter().zip(back.chunks_exact_mut(rows)) {
+                        out.iter_mut().zip(m).for_each(|(o, m)| *o += f * m);
+                    }
+                }
+                Ok(())
+            }
+            Some(eigen) => {
+                eigen.set(inverse, rows, values, vectors)?;
+                for (i, vector) in vectors.chunks_exact(rows).enumerate().take(rows) {
+                    let out = &mut transposed[i * rank..][..rank];
+                    out.fill(0.0);
+                    for (e, f) in vector.iter().zip(seen.transposed.chunks_exact(rank)) {
+                        out.iter_mut().zip(f).for_each(|(o, f)| *o += e * f);
+                    }
+                    for (k, value) in out.iter().enumerate() {
+                        back[k * rows + i] = *value;
+                    }
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+impl Eigen {
+    /// Eigenvalues and eigenvectors, by rows, of a symmetric matrix.
+    fn set(
+        &mut self,
+        matrix: &[f64],
+        n: usize,
+        values: &mut [f64],
+        vectors: &mut [f64],
+    ) -> Result<(), InverseError> {
+        // of fewer rows than ranks the rest is zero, with unit vectors of its own
+        self.matrix.fill(0.0);
+        for i in 0..n {
+            for j in 0..n {
+                self.matrix[(i, j)] = matrix[i * n + j];
+            }
+        }
+        let size = self.matrix.nrows();
+        let part = self.matrix.as_ref().get(..n, ..n);
+        self_adjoint_evd(
+            part,
+            self.values.as_mut().get_mut(..n).as_diagonal_mut(),
+            Some(self.vectors.as_mut().get_mut(..n, ..n)),
+            Par::Seq,
+            MemStack::new(&mut self.memory),
+            Spec::default(),
+        )
+        .map_err(|_| InverseError::Factorisation {
+            what: "eigenvalues of a constrained frame",
+            size,
+        })?;
+        for i in 0..n {
+            values[i] = self.values[i].max(0.0);
+            for j in 0..n {
+                vectors[i * n + j] = self.vectors[(j, i)];
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Largest differences of an image, dilated by two groups.
+struct Dilate<'a, T: Project, D> {
+    setting: &'a Setting<T>,
+    differences: &'a D,
+    image: &'a [T],
+    scale: &'a mut [T],
+    spread: &'a mut [T],
+    groups: &'a mut [T],
+}
+
+impl<T: Project, D: Differences<T>> WithSimd for Dilate<'_, T, D> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { setting, differences, image, scale, spread, groups } = self;
+        for &at in differences.group_blocks() {
+            let [a, b] = differences.difference(image, at);
+            store(groups, at, each(|l| a[l].abs().max(b[l].abs())));
+        }
+        for round in 0..3 {
+            for (block, &at) in setting.places.blocks.iter().enumerate() {
+                store(spread, at, differences.cell_largest(groups, block, at));
+            }
+            if round < 2 {
+                for &at in differences.group_blocks() {
+                    store(groups, at, differences.group_largest(spread, at));
+                }
+            }
+        }
+        for &at in &setting.places.blocks {
+            let (old, new) = (load(scale, at), load(spread, at));
+            store(scale, at, each(|l| old[l].max(new[l])));
+        }
+    }
+}
+
+/// Step sizes; returns the largest `tau`.
+struct Sizes<'a, T: Project, D> {
+    setting: &'a Setting<T>,
+    differences: &'a D,
+    fields: &'a mut Fields<T>,
+    scale: &'a [T],
+    weights: Weights,
+}
+
+impl<T: Project, D: Differences<T>> WithSimd for Sizes<'_, T, D> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let Self { setting, differences, fields, scale, weights } = self;
+        let Weights { lambda_space, lambda_time, image, gamma, step } = weights;
+        let Fields { tau, group_step, group_damp, cell_step, cell_damp, .. } = fields;
+        let (zero, one) = (T::default(), T::from_f64(1.0));
+        let floor = T::from_f64(FLOOR * image);
+        let factor = T::from_f64(step * STEP * image / (lambda_space * setting.mean_radius));
+        let per_image = T::from_f64(1.0 / image);
+        let norm = T::from_f64(setting.norm_squared);
+        let least = factor * (floor * per_image).sqrt();
+        let mut most: Lane<T> = splat(zero);
+        for &at in &setting.places.blocks {
+            let (g, inside) = (load(scale, at), load(&setting.inside, at));
+            let radius = differences.cell_radius(at);
+            let own = each(|l| inside[l] * factor * (g[l].max(floor) * per_image).sqrt());
+            let step = each(|l| inside[l] / (norm * own[l].max(least)));
+            let soft = T::from_f64(gamma / lambda_time);
+            store(tau, at, own);
+            store(cell_step, at, step);
+            store(cell_damp, at, each(|l| inside[l] / (one + step[l] * soft / radius[l])));
+            most = each(|l| most[l].max(own[l]));
+        }
+        for &at in differences.group_blocks() {
+            let own = differences.group_largest(tau, at);
+            let radius = differences.group_radius(at);
+            let step = each(|l| one / (norm * own[l].max(least)));
+            let soft = T::from_f64(gamma / lambda_space);
+            store(group_step, at, step);
+            store(group_damp, at, each(|l| one / (one + step[l] * soft / radius[l])));
+        }
+        largest(&most).to_f64()
+    }
+}
+
+/// `V' T V` of the first ranks, a multiple of [`LANES`]: its upper triangle, in tiles.
+struct Gram<'a, T: Project> {
+    setting: &'a Setting<T>,
+    tau: &'a [T],
+    ranks: usize,
+    /// `[padded rank][padded rank]`.
+    out: &'a mut [T],
+}
+
+/// Rows of a tile, and unknowns whose rows stay in the first cache meanwhile.
+const TILE: usize = 4;
+const CHUNK: usize = 64;
+
+impl<T: Project> WithSimd for Gram<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { setting, tau, ranks, out } = self;
+        let padded = setting.padded;
+        out.fill(T::default());
+        let cells = setting.places.cells.chunks(CHUNK);
+        for (rows, cells) in setting.rows.chunks(CHUNK * padded).zip(cells) {
+            for first in (0..ranks).step_by(TILE) {
+                for second in (first / LANES * LANES..ranks).step_by(LANES) {
+                    let mut sums = [[T::default(); LANES]; TILE];
+                    for (row, &cell) in rows.chunks_exact(padded).zip(cells) {
+                        let right = load(row, second);
+                        let weight = tau[cell];
+                        for (i, sum) in sums.iter_mut().enumerate() {
+                            let left = weight * row[first + i];
+                            for l in 0..LANES {
+                                sum[l] = left.mul_add(right[l], sum[l]);
+                            }
+                        }
+                    }
+                    for (i, sum) in sums.iter().enumerate() {
+                        let at = (first + i) * padded + second;
+                        let old = load(out, at);
+                        store(out, at, each(|l| old[l] + sum[l]));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Inverse of a symmetric matrix whose eigenvalues are 1 or more, in place.
+struct Invert<'a> {
+    matrix: &'a mut [f64],
+    n: usize,
+}
+
+impl WithSimd for Invert<'_> {
+    type Output = ();
+
+    /// Gauss-Jordan without a search for pivots: with eigenvalues of 1 or more none is below 1.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { matrix, n } = self;
+        for k in 0..n {
+            let (before, rest) = matrix.split_at_mut(k * n);
+            let (row, after) = rest.split_at_mut(n);
+            let inverse = 1.0 / row[k];
+            row[k] = 1.0;
+            row.iter_mut().for_each(|v| *v *= inverse);
+            for other in before.chunks_exact_mut(n).chain(after.chunks_exact_mut(n)) {
+                let factor = other[k];
+                other[k] = 0.0;
+                for (o, r) in other.iter_mut().zip(row.iter()) {
+                    *o = (-factor).mul_add(*r, *o);
+                }
+            }
+        }
+    }
+}
+
+/// `F' G F` by rows of `F'`.
+struct Congruent<'a> {
+    f: &'a [f64],
+    gram: &'a [f64],
+    half: &'a mut [f64],
+    rank: usize,
+    rows: usize,
+    out: &'a mut [f64],
+}
+
+impl WithSimd for Congruent<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { f, gram, half, rank, rows, out } = self;
+        for (row, half) in f.chunks_exact(rank).zip(half.chunks_exact_mut(rank)).take(rows) {
+            rows_times(gram, row, half);
+        }
+        for i in 0..rows {
+            for j in 0..=i {
+                let own = dot(&half[i * rank..][..rank], &f[j * rank..][..rank]);
+                out[i * rows + j] = own;
+                out[j * rows + i] = own;
+            }
+        }
+    }
+}

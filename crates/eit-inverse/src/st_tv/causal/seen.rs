@@ -1,0 +1,266 @@
+//! What the good channels of a frame see of the coefficients `c = V' x`:
+//! `|F' c - t|^2 + rest^2`, exactly.
+//!
+//! With all channels `F = diag(S)`. With some masked the rows left of `U S` are factored as `Q F'` by
+//! Householder reflections, which leaves every singular value as accurate as it was: a Gram matrix
+//! would square the condition number. The factor stays as it is until other channels are masked.
+
+use crate::st_tv::data::Compression;
+
+/// The channels of a frame.
+#[derive(Debug, Clone)]
+pub(crate) struct Seen {
+    /// Channels that count, `[measurement]`.
+    pub(crate) good: Vec<bool>,
+    pub(crate) count: usize,
+    /// Are these all that the protocol uses?
+    pub(crate) is_whole: bool,
+    /// Rows of `F'`.
+    pub(crate) rows: usize,
+    /// `F'` `[row][rank]`.
+    pub(crate) transposed: Vec<f64>,
+    /// Reflections, by columns of `[good channel]`, and their factors.
+    reflections: Vec<f64>,
+    factors: Vec<f64>,
+    /// Good channels in order.
+    channels: Vec<usize>,
+}
+
+/// Data of a frame in the coordinates of its channels.
+#[derive(Debug, Clone)]
+pub(crate) struct Target {
+    /// `t`, `[row of F']`.
+    pub(crate) values: Vec<f64>,
+    pub(crate) rest_squared: f64,
+    /// What no image explains: by measurement for whole frames, else behind the rows of `F'` in the
+    /// turned coordinates.
+    pub(crate) rest: Vec<f64>,
+}
+
+impl Seen {
+    pub(crate) fn new(compression: &Compression) -> Self {
+        let (rank, measurements) = (compression.rank(), compression.measurements);
+        let mut this = Self {
+            good: vec![false; measurements],
+            count: 0,
+            is_whole: false,
+            rows: 0,
+            transposed: vec![0.0; rank * rank],
+            reflections: vec![0.0; rank * measurements],
+            factors: vec![0.0; rank],
+            channels: Vec::with_capacity(measurements),
+        };
+        this.set(compression, |_| true);
+        this
+    }
+
+    /// Is a channel of the protocol masked in another way than asked?
+    pub(crate) fn fits(&self, compression: &Compression, good: impl Fn(usize) -> bool) -> bool {
+        let weights = compression.root_weights.iter().enumerate();
+        self.good.iter().zip(weights).all(|(&own, (i, w))| own == (*w > 0.0 && good(i)))
+    }
+
+    /// Takes other channels. Allocates nothing.
+    pub(crate) fn set(&mut self, compression: &Compression, good: impl Fn(usize) -> bool) {
+        let rank = compression.rank();
+        self.channels.clear();
+        let mut used = 0;
+        for (i, &weight) in compression.root_weights.iter().enumerate() {
+            self.good[i] = weight > 0.0 && good(i);
+            used += usize::from(weight > 0.0);
+            if self.good[i] {
+                self.channels.push(i);
+            }
+        }
+        self.count = self.channels.len();
+        self.is_whole = self.count == used;
+        self.transposed.fill(0.0);
+        if self.is_whole {
+            self.rows = rank;
+            for (k, s) in compression.singular.iter().enumerate() {
+                self.transposed[k * rank + k] = *s;
+            }
+            return;
+        }
+        self.rows = rank.min(self.count);
+        self.factor(compression);
+    }
+
+    /// Householder reflections of the rows left of `U S`, column by column.
+    fn factor(&mut self, compression: &Compression) {
+        let (rank, height) = (compression.rank(), self.count);
+        for k in 0..rank {
+            let column = &mut self.reflections[k * height..][..height];
+            for (value, &i) in column.iter_mut().zip(&self.channels) {
+                *value = compression.left[(i, k)] * compression.singular[k];
+            }
+        }
+        for k in 0..rank {
+            let (before, rest) = self.reflections.split_at_mut(k * height);
+            let column = &mut rest[..height];
+            let known = k.min(self.rows);
+            for (j, reflection) in before.chunks_exact(height.max(1)).enumerate().take(known) {
+                reflect(&reflection[j..], self.factors[j], &mut column[j..]);
+            }
+            for (row, value) in column.iter().enumerate().take(known) {
+                self.transposed[row * rank + k] = *value;
+            }
+            if k < self.rows {
+                let (head, factor) = reflection_of(&mut column[k..]);
+                self.transposed[k * rank + k] = head;
+                self.factors[k] = factor;
+            }
+        }
+    }
+
+    /// The data of a frame, `[measurement]`, whitened already, in units of `one`.
+    pub(crate) fn take(
+        &self,
+        compression: &Compression,
+        whitened: &[f64],
+        one: f64,
+        target: &mut Target,
+    ) {
+        let Target { values, rest, rest_squared } = target;
+        if self.is_whole {
+            for (i, (rest, value)) in rest.iter_mut().zip(whitened).enumerate() {
+                *rest = if self.good[i] { value / one } else { 0.0 };
+            }
+            // the second time takes what rounding left of the first
+            values.fill(0.0);
+            for _ in 0..2 {
+                for (k, t) in values.iter_mut().enumerate().take(self.rows) {
+                    let column = compression.left.col(k);
+                    let along: f64 = column.iter().zip(rest.iter()).map(|(u, v)| u * v).sum();
+                    *t += along;
+                    rest.iter_mut().zip(column.iter()).for_each(|(v, u)| *v -= along * u);
+                }
+            }
+            *rest_squared = rest.iter().map(|v| v * v).sum();
+            return;
+        }
+        rest.fill(0.0);
+        for (turned, &i) in rest.iter_mut().zip(&self.channels) {
+            *turned = whitened[i] / one;
+        }
+        let turned = &mut rest[..self.count];
+        let reflections = self.reflections.chunks_exact(self.count.max(1));
+        for (k, (reflection, factor)) in reflections.zip(&self.factors).enumerate().take(self.rows)
+        {
+            reflect(&reflection[k..], *factor, &mut turned[k..]);
+        }
+        values.fill(0.0);
+        values[..self.rows].copy_from_slice(&turned[..self.rows]);
+        turned[..self.rows].fill(0.0);
+        *rest_squared = turned.iter().map(|v| v * v).sum();
+    }
+
+    /// A dual of the data `[row of F']`, and `share` times what no image explains, as one value for each
+    /// measurement of the whitened data.
+    pub(crate) fn spread(
+        &self,
+        compression: &Compression,
+        dual: &[f64],
+        target: &Target,
+        share: f64,
+        out: &mut [f64],
+    ) {
+        out.fill(0.0);
+        if self.is_whole {
+            for (k, y) in dual.iter().enumerate().take(self.rows) {
+                let column = compression.left.col(k);
+                out.iter_mut().zip(column.iter()).for_each(|(o, u)| *o += y * u);
+            }
+            out.iter_mut().zip(&target.rest).for_each(|(o, r)| *o += share * r);
+            return;
+        }
+        let mut turned: Vec<f64> = target.rest[..self.count].iter().map(|r| share * r).collect();
+        turned[..self.rows].copy_from_slice(&dual[..self.rows]);
+        let reflections = self.reflections.chunks_exact(self.count.max(1));
+        let known: Vec<(usize, &[f64])> = reflections.enumerate().take(self.rows).collect();
+        for (k, reflection) in known.into_iter().rev() {
+            reflect(&reflection[k..], self.factors[k], &mut turned[k..]);
+        }
+        for (value, &i) in turned.iter().zip(&self.channels) {
+            out[i] = *value;
+        }
+    }
+}
+
+/// `column -= factor v (v . column)`.
+fn reflect(v: &[f64], factor: f64, column: &mut [f64]) {
+    let along = factor * super::iterate::dot(v, column);
+    column.iter_mut().zip(v).for_each(|(c, v)| *c -= along * v);
+}
+
+/// Turns a column into its reflection `v`; returns what it leaves of the column, and `2 / |v|^2`.
+fn reflection_of(column: &mut [f64]) -> (f64, f64) {
+    let largest = column.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    if largest == 0.0 {
+        return (0.0, 0.0);
+    }
+    // scaled: squares of 1e-200 would vanish
+    column.iter_mut().for_each(|v| *v /= largest);
+    let norm = column.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let head = if column[0] > 0.0 { -norm } else { norm };
+    column[0] -= head;
+    let square: f64 = column.iter().map(|v| v * v).sum();
+    (head * largest, 2.0 / square)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fixtures::Random;
+    use ndarray::Array2;
+
+    /// Rows of sizes 1 to 1e-8, as those of a skin whose far electrodes see little.
+    fn graded() -> (Array2<f64>, Compression) {
+        let mut random = Random::new(3);
+        let jacobian = Array2::from_shape_fn((12, 30), |(i, _)| {
+            10_f64.powf(-8.0 * i as f64 / 11.0) * random.normal()
+        });
+        let compression = Compression::new(&jacobian, vec![1.0; 12]).unwrap();
+        (jacobian, compression)
+    }
+
+    #[test]
+    fn the_data_term_is_that_of_the_good_rows_for_any_mask() {
+        let (jacobian, compression) = graded();
+        let rank = compression.rank();
+        let mut random = Random::new(4);
+        let mut seen = Seen::new(&compression);
+        let zero =
+            || Target { values: vec![0.0; rank], rest: vec![0.0; 12], rest_squared: f64::NAN };
+        for masked in [vec![], vec![0], vec![3, 4, 11], (0..11).collect(), vec![11]] {
+            let good = |i: usize| !masked.contains(&i);
+            seen.set(&compression, good);
+            assert!(seen.fits(&compression, good));
+            let x: Vec<f64> = (0..30).map(|_| random.normal()).collect();
+            let dv: Vec<f64> = (0..12).map(|_| random.normal()).collect();
+            let mut target = zero();
+            seen.take(&compression, &dv, 2.0, &mut target);
+            let c: Vec<f64> = (0..rank)
+                .map(|k| (0..30).map(|p| compression.basis[(p, k)] * x[p]).sum())
+                .collect();
+            let mut found = target.rest_squared;
+            for (row, t) in seen.transposed.chunks_exact(rank).zip(&target.values).take(seen.rows) {
+                let seen: f64 = row.iter().zip(&c).map(|(f, c)| f * c).sum();
+                found += (seen - t).powi(2);
+            }
+            let mut wanted = 0.0;
+            for i in (0..12).filter(|&i| good(i)) {
+                let model: f64 = (0..30).map(|p| jacobian[(i, p)] * x[p]).sum();
+                wanted += (model - dv[i] / 2.0).powi(2);
+            }
+            // a few roundings of sums over 30 and 12 terms
+            assert!((found - wanted).abs() <= 1e-13 * wanted, "{masked:?}: {found} {wanted}");
+            // the dual comes back as it went: Q is orthogonal
+            let mut spread = vec![0.0; 12];
+            seen.spread(&compression, &target.values, &target, 1.0, &mut spread);
+            for i in (0..12).filter(|&i| good(i)) {
+                assert!((spread[i] - dv[i] / 2.0).abs() < 1e-13, "{masked:?}");
+            }
+        }
+    }
+}

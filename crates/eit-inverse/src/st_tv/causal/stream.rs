@@ -1,0 +1,610 @@
+//! The stream: everything that happens to a running instrument, around one frame's iterations.
+//!
+//! Long because every event is a method of one type, and each must leave all of its arrays
+//! consistent.
+
+use super::differences::Basis;
+use super::fields::Setting;
+use super::frame::{End, Engine, Limits, Problem, SMOOTHING};
+use super::map::Weights;
+use super::seen::{Seen, Target};
+use super::settings::{CausalDual, CausalSettings, CausalStep};
+use super::value::{Coefficients, Record, unchanged, vanished};
+use crate::check::check_length;
+use crate::st_tv::StTv;
+use crate::st_tv::quiet::quiet_threshold;
+use crate::st_tv::settings::Fidelity;
+use crate::{Certificate, InverseError, SequenceStatus};
+use std::time::Instant;
+
+/// Frames between two maps of a steady stream.
+const MAP_EVERY: usize = 4;
+/// An innovation this much larger than usual is an event: its map is made anew.
+const EVENT: f64 = 1.5;
+/// Step with bounds: at 32 x 32 a third takes 76 iterations, one 98, a tenth 117.
+const BOUNDED_STEP: f64 = 0.3;
+/// The image's scale falls by this much from map to map at most.
+const FORGET: f64 = 0.9;
+/// Frames that hold nothing but noise before the image is taken to be at rest: those of a window.
+const REST_AFTER: usize = 8;
+/// Gaps below this are sought in `f64`.
+const LEAST_SINGLE_GAP: f64 = 1e-4;
+/// Iterations after which `f32` leaves a frame to `f64`.
+const GIVE_UP: usize = 400;
+/// Frames between two sums of `V' x^` from scratch.
+const RENEW: usize = 256;
+/// A frame this much larger than the unit of the data sets another one.
+const OUTGROWN: f64 = 1e4;
+
+/// Total variation of each frame, anchored to the image that was reported before: no lag.
+///
+/// ```text
+/// penalised:    x = argmin |W^1/2 (J x - dv)|^2 / 2 + lambda_space |grad x|_{2,1}
+///                          + time_share lambda_time integral |x - x^| dA
+/// constrained:  the same without the first term, with |W^1/2 (J x - dv)| <= delta
+/// both:         lower <= x <= upper
+/// ```
+///
+/// `x^` is the image of the frame before, data here: the frame is one small convex problem, and what
+/// was reported is never revised. Every push comes with bounds on the optimum of its own problem,
+/// that hold whatever the iteration did. After set-up nothing is allocated.
+///
+/// * Masked channels change the rows of the data term; another set of them costs
+///   `O(measurements rank^2)` once.
+/// * A dropped frame ([`push_dropped`](Self::push_dropped)), or one without a good channel, holds
+///   the image.
+/// * Where [`StTvSettings::noise_std`](crate::StTvSettings::noise_std) is known, eight frames that hold
+///   nothing else bring the image to rest, at zero, and nothing is computed until one does.
+#[derive(Debug)]
+pub struct CausalStream {
+    solver: StTv,
+    settings: CausalSettings,
+    single_setting: Setting<f32>,
+    double_setting: Setting<f64>,
+    single: Engine<f32>,
+    double: Engine<f64>,
+    seen: Seen,
+    target: Target,
+    record: Record,
+    /// `x^` over cells, and `V' x^`, in inner units.
+    anchor: Vec<f64>,
+    coefficients: Vec<f64>,
+    beta: Vec<f64>,
+    whitened: Vec<f64>,
+    /// The last frame as pushed, for a change of reference; not finite where nothing counts.
+    raw: Vec<f64>,
+    image: Vec<f64>,
+    /// The image before, siemens.
+    before: Vec<f64>,
+    /// Norm of the data that is 1 inside; 0 before there is any.
+    scale: f64,
+    /// Scale of the image, inside; 0 before there is any.
+    image_scale: f64,
+    /// Running mean of the innovation, iterations of the last two frames, frames since the map.
+    usual: f64,
+    recent: [usize; 2],
+    map_age: usize,
+    pushed: usize,
+    quiet_frames: usize,
+}
+
+impl CausalStream {
+    /// Sets up a stream.
+    ///
+    /// # Errors
+    /// [`InverseError::OutOfRange`] for settings out of range, and for a solver whose `lambda_time` is
+    /// 0: without a link to the image before there is no stream, and [`StTvStream`](crate::StTvStream)
+    /// with a window of one frame serves.
+    pub fn new(solver: StTv, settings: CausalSettings) -> Result<Self, InverseError> {
+        settings.check()?;
+        let lambda_time = solver.settings.lambda_time;
+        if lambda_time <= 0.0 {
+            let (quantity, must) = ("lambda_time of a causal stream", "above zero");
+            return Err(InverseError::OutOfRange { quantity, value: lambda_time, must });
+        }
+        let constrained = solver.settings.fidelity != Fidelity::Penalised;
+        let single_setting = Setting::new(&solver, &solver.single);
+        let double_setting = Setting::new(&solver, &solver.double);
+        let (rank, measurements) = (double_setting.padded, solver.measurements());
+        let record = Record::new(&double_setting);
+        let mut this = Self {
+            single: Engine::new(&single_setting, constrained),
+            double: Engine::new(&double_setting, constrained),
+            seen: Seen::new(&solver.compression),
+            target: Target {
+                values: vec![0.0; rank],
+                rest_squared: 0.0,
+                rest: vec![0.0; measurements],
+            },
+            record,
+            anchor: vec![0.0; double_setting.places.length],
+            coefficients: vec![0.0; rank],
+            beta: vec![0.0; rank],
+            whitened: vec![0.0; measurements],
+            raw: vec![f64::NAN; measurements],
+            image: vec![0.0; solver.unknowns()],
+            before: vec![0.0; solver.unknowns()],
+            scale: 0.0,
+            image_scale: 0.0,
+            usual: 0.0,
+            recent: [0; 2],
+            map_age: MAP_EVERY,
+            pushed: 0,
+            quiet_frames: 0,
+            single_setting,
+            double_setting,
+            solver,
+            settings,
+        };
+        this.restart();
+        Ok(this)
+    }
+
+    /// Forgets the image: the next frame is as the first one, of zero or what bounds leave next to it.
+    pub fn restart(&mut self) {
+        let [lower, upper] = self.bounds_s();
+        self.image.fill(0.0_f64.clamp(lower, upper));
+        self.single.clear();
+        self.double.clear();
+        self.set_anchor();
+    }
+
+    /// Sets the image that the next frame is anchored to, siemens, `[unknown]`; moved into the bounds.
+    ///
+    /// # Errors
+    /// [`InverseError::WrongLength`]; [`InverseError::OutOfRange`] for a value that is not finite.
+    pub fn anchor(&mut self, image: &[f64]) -> Result<(), InverseError> {
+        check_length("image", image.len(), self.image.len())?;
+        if let Some(&value) = image.iter().find(|v| !v.is_finite()) {
+            let (quantity, must) = ("a value of the anchor, siemens", "finite");
+            return Err(InverseError::OutOfRange { quantity, value, must });
+        }
+        let [lower, upper] = self.bounds_s();
+        for (own, x) in self.image.iter_mut().zip(image) {
+            *own = x.clamp(lower, upper);
+        }
+        self.set_anchor();
+        Ok(())
+    }
+
+    /// Changes the reference frame by `change = v_ref_new - v_ref_old`, `[measurement]`: data pushed
+    /// from now on is against the new reference. Where it is nearer to the last frame than the old one
+    /// was, the image before becomes zero, since that is then what the reference holds.
+    ///
+    /// # Errors
+    /// Wrong length, a value that is not finite. The stream is then as it was.
+    pub fn change_reference(&mut self, change: &[f64]) -> Result<(), InverseError> {
+        check_length("change of reference", change.len(), self.solver.measurements())?;
+        if let Some(measurement) = change.iter().position(|v| !v.is_finite()) {
+            let value = change[measurement];
+            return Err(InverseError::NonFiniteReference { measurement, value });
+        }
+        let (mut before, mut after) = (0.0, 0.0);
+        let weights = self.solver.compression.root_weights.iter();
+        for ((raw, change), weight) in self.raw.iter_mut().zip(change).zip(weights) {
+            if raw.is_finite() {
+                before += (weight * *raw).powi(2);
+                *raw -= change;
+                after += (weight * *raw).powi(2);
+            }
+        }
+        if after < before {
+            self.restart();
+        }
+        Ok(())
+    }
+
+    /// Takes a frame of difference data `[measurement]` and its good channels (`None`: all), and gives
+    /// its image.
+    ///
+    /// # Errors
+    /// Wrong lengths, a value of a good channel that is not finite (the frame number counts pushes
+    /// from 0), a `delta` that no image can reach. The stream is then as it was.
+    pub fn push(
+        &mut self,
+        dv: &[f64],
+        good: Option<&[bool]>,
+    ) -> Result<CausalStep<'_>, InverseError> {
+        let start = Instant::now();
+        let measurements = self.solver.measurements();
+        check_length("frame", dv.len(), measurements)?;
+        if let Some(good) = good {
+            check_length("good", good.len(), measurements)?;
+        }
+        let is_good = |i: usize| good.is_none_or(|good| good[i]);
+        for (measurement, &value) in dv.iter().enumerate() {
+            let counts = is_good(measurement);
+            if !value.is_finite() && counts {
+                let frame = self.pushed;
+                return Err(InverseError::NonFiniteData { frame, measurement, value });
+            }
+        }
+        let is_new = !self.seen.fits(&self.solver.compression, is_good);
+        if is_new {
+            self.seen.set(&self.solver.compression, is_good);
+            self.map_age = MAP_EVERY;
+        }
+        if self.seen.count == 0 {
+            return Ok(self.push_dropped());
+        }
+        self.take(dv)?;
+        self.pushed += 1;
+        for (i, (raw, dv)) in self.raw.iter_mut().zip(dv).enumerate() {
+            *raw = if self.seen.good[i] { *dv } else { f64::NAN };
+        }
+        self.before.copy_from_slice(&self.image);
+        if self.is_quiet() {
+            return Ok(self.rest(start));
+        }
+        let end = self.solve(start)?;
+        self.report(end);
+        Ok(self.step(end, start))
+    }
+
+    /// Takes note that a frame was lost: the image is held.
+    pub fn push_dropped(&mut self) -> CausalStep<'_> {
+        let start = Instant::now();
+        self.pushed += 1;
+        self.before.copy_from_slice(&self.image);
+        self.record.clear();
+        CausalStep {
+            image: &self.image,
+            status: SequenceStatus::Direct,
+            iterations: 0,
+            // nothing was solved: nothing is claimed
+            certificate: Certificate { primal: f64::INFINITY, lower_bound: 0.0 },
+            residual: 0.0,
+            quiet: false,
+            in_double: false,
+            seconds: start.elapsed().as_secs_f64(),
+        }
+    }
+
+    /// The image that the last frame was anchored to, siemens, `[unknown]`.
+    pub fn image_before(&self) -> &[f64] {
+        &self.before
+    }
+
+    /// The solver in use.
+    pub fn solver(&self) -> &StTv {
+        &self.solver
+    }
+
+    /// The settings in use.
+    pub fn settings(&self) -> &CausalSettings {
+        &self.settings
+    }
+
+    /// The dual point of the last frame's lower bound; zero after a frame that needed no iteration.
+    /// Allocates.
+    pub fn dual(&self) -> CausalDual {
+        let (one, rows) = (self.one(), self.seen.rows);
+        let gradient = &self.solver.gradient;
+        let dual = &self.record.dual[..rows];
+        let (share, data_unit, flow_unit) = match self.ball() {
+            None => (-1.0, one, self.solver.unit * one),
+            Some(ball) => {
+                let norm = dual.iter().map(|y| y * y).sum::<f64>().sqrt();
+                let share = if ball > 0.0 { -norm / ball.sqrt() } else { 0.0 };
+                let largest = self.largest_weight();
+                (share, largest / self.solver.unit, largest)
+            }
+        };
+        let mut data = vec![0.0; self.solver.measurements()];
+        self.seen.spread(&self.solver.compression, dual, &self.target, share, &mut data);
+        data.iter_mut().for_each(|y| *y *= data_unit);
+        let mut flow = vec![0.0; gradient.rows()];
+        let components = gradient.components();
+        let places = self.single_setting.basis.group_places(
+            gradient,
+            &self.solver.single,
+            &self.single_setting.places,
+        );
+        for (group, &place) in places.iter().enumerate() {
+            let own = match &self.double_setting.basis {
+                Basis::Grid(_) => None,
+                Basis::Gathered(_) => Some(self.solver.double.radius[place]),
+            };
+            let size = own.unwrap_or_else(|| gradient.raster().map_or(1.0, |r| r.pixel_m));
+            for component in 0..components {
+                let q = match self.record.is_double {
+                    true => self.double.proven[component][place],
+                    false => f64::from(self.single.proven[component][place]),
+                };
+                flow[group * components + component] = self.record.scale * q * flow_unit / size;
+            }
+        }
+        CausalDual { data, flow }
+    }
+
+    fn bounds_s(&self) -> [f64; 2] {
+        [self.solver.settings.lower_s, self.solver.settings.upper_s]
+    }
+
+    /// The unit of the data inside.
+    fn one(&self) -> f64 {
+        if self.scale > 0.0 { self.scale } else { 1.0 }
+    }
+
+    fn largest_weight(&self) -> f64 {
+        let settings = &self.solver.settings;
+        settings.lambda_space.max(settings.lambda_time * self.settings.time_share)
+    }
+
+    /// Squared radius of the ball in the coordinates of the frame; `None` where the data is penalised.
+    fn ball(&self) -> Option<f64> {
+        let delta = self.delta()? / self.one();
+        Some((delta * delta - self.target.rest_squared).max(0.0))
+    }
+
+    /// Radius of the frame at hand, in the data's unit.
+    fn delta(&self) -> Option<f64> {
+        let Fidelity::Constrained { delta } = self.solver.settings.fidelity else { return None };
+        Some(delta * (self.seen.count as f64 / self.solver.full.good as f64).sqrt())
+    }
+
+    /// The data of a frame, in units of the scale, which it may set.
+    fn take(&mut self, dv: &[f64]) -> Result<(), InverseError> {
+        let compression = &self.solver.compression;
+        for (i, value) in self.whitened.iter_mut().enumerate() {
+            // masked values may be NaN
+            *value = if self.seen.good[i] { compression.root_weights[i] * dv[i] } else { 0.0 };
+        }
+        let one = self.one();
+        self.seen.take(compression, &self.whitened, one, &mut self.target);
+        let along = self.target.values.iter().map(|t| t * t).sum::<f64>().sqrt();
+        let least = self.target.rest_squared.sqrt() * one;
+        if let Some(delta) = self.delta()
+            // the rest of an exact fit is rounding, not noise
+            && least > delta
+            && least > 1e-10 * (along * one + least)
+        {
+            return Err(InverseError::DeltaTooSmall { frame: self.pushed, delta, least });
+        }
+        let settings = &self.solver.settings;
+        let noise =
+            if settings.noise_std.is_some() { (self.seen.count as f64).sqrt() } else { 0.0 };
+        let nearest = settings.lower_s.max(0.0).max(-settings.upper_s.min(0.0));
+        let size = (along * one).max(noise).max(nearest * self.solver.unit);
+        if !size.is_finite() {
+            let (quantity, must) = ("norm of the data", "below 1e150 in units of the noise");
+            return Err(InverseError::OutOfRange { quantity, value: size, must });
+        }
+        if size > 0.0 && (self.scale == 0.0 || size > OUTGROWN * self.scale) {
+            let grown = size / one;
+            self.scale = size;
+            self.target.values.iter_mut().for_each(|t| *t /= grown);
+            self.target.rest.iter_mut().for_each(|t| *t /= grown);
+            self.target.rest_squared /= grown * grown;
+            self.image_scale /= grown;
+            if self.ball().is_none() {
+                self.single.scale_duals(1.0 / grown);
+                self.double.scale_duals(1.0 / grown);
+            }
+            self.map_age = MAP_EVERY;
+            self.set_anchor();
+        }
+        Ok(())
+    }
+
+    /// Anchor and its coefficients from the image.
+    fn set_anchor(&mut self) {
+        let per_image = self.solver.unit / self.one();
+        for (&cell, x) in self.double_setting.places.cells.iter().zip(&self.image) {
+            self.anchor[cell] = x * per_image;
+        }
+        self.renew_coefficients();
+        self.map_age = MAP_EVERY;
+    }
+
+    fn renew_coefficients(&mut self) {
+        let (setting, change) = (&self.double_setting, self.anchor.as_slice());
+        self.solver.arch.dispatch(Coefficients { setting, change, out: &mut self.coefficients });
+    }
+
+    /// Is it rest? Counts quiet frames.
+    fn is_quiet(&mut self) -> bool {
+        let settings = &self.solver.settings;
+        let is_zero = self.image.iter().all(|x| *x == 0.0);
+        let values = self.target.values.iter().map(|t| t * t).sum::<f64>();
+        let square = (values + self.target.rest_squared) * self.one() * self.one();
+        let threshold = match settings.noise_std {
+            Some(_) => quiet_threshold(self.seen.count as f64),
+            None => 0.0,
+        };
+        let is_noise = square <= threshold;
+        self.quiet_frames = if is_noise { self.quiet_frames + 1 } else { 0 };
+        let zero_allowed = settings.lower_s <= 0.0 && settings.upper_s >= 0.0;
+        is_noise && zero_allowed && (is_zero || self.quiet_frames >= REST_AFTER)
+    }
+
+    /// The zero image of a skin at rest.
+    fn rest(&mut self, start: Instant) -> CausalStep<'_> {
+        self.record.clear();
+        if self.image.iter().any(|x| *x != 0.0) {
+            self.restart();
+        }
+        let values = self.target.values.iter().map(|t| t * t).sum::<f64>();
+        let square = (values + self.target.rest_squared) * self.one() * self.one();
+        let primal = if self.ball().is_some() { 0.0 } else { 0.5 * square };
+        CausalStep {
+            image: &self.image,
+            status: SequenceStatus::Direct,
+            iterations: 0,
+            // the zero image was not shown to be optimal, only not to differ from it beyond noise
+            certificate: Certificate { primal, lower_bound: 0.0 },
+            residual: square.sqrt(),
+            quiet: true,
+            in_double: false,
+            seconds: start.elapsed().as_secs_f64(),
+        }
+    }
+
+    /// Weights in inner units.
+    fn weights(&self) -> Weights {
+        let settings = &self.solver.settings;
+        let per_weight = match settings.fidelity {
+            Fidelity::Penalised => 1.0 / (self.solver.unit * self.one()),
+            Fidelity::Constrained { .. } => 1.0 / self.largest_weight(),
+        };
+        Weights {
+            lambda_space: settings.lambda_space * per_weight,
+            lambda_time: settings.lambda_time * self.settings.time_share * per_weight,
+            image: self.image_scale,
+            gamma: SMOOTHING * self.settings.target_gap * self.image_scale,
+            step: if settings.bounded() { BOUNDED_STEP } else { 1.0 },
+        }
+    }
+
+    /// The innovation `t - F' V' x^`; returns its norm.
+    fn innovate(&mut self) -> f64 {
+        let rank = self.solver.rank();
+        let rows = self.seen.transposed.chunks_exact(rank).zip(&self.target.values);
+        let mut square = 0.0;
+        for (k, (row, t)) in rows.enumerate().take(self.seen.rows) {
+            let model = match self.seen.is_whole {
+                true => row[k] * self.coefficients[k],
+                false => super::iterate::dot(row, &self.coefficients[..rank]),
+            };
+            self.beta[k] = t - model;
+            square += self.beta[k].powi(2);
+        }
+        square.sqrt()
+    }
+
+    fn solve(&mut self, start: Instant) -> Result<End, InverseError> {
+        let size = self.innovate();
+        let is_event = size > EVENT * self.usual || self.pushed <= 2;
+        let is_stale = self.map_age >= MAP_EVERY || is_event;
+        self.map_age = if is_stale { 1 } else { self.map_age + 1 };
+        let step = 0.1 * (size.min(2.0 * self.usual) - self.usual);
+        self.usual = if self.pushed <= 2 { size } else { self.usual + step };
+        self.record.clear();
+        let weights = self.weights();
+        let [lower, upper] = self.bounds_s();
+        let per_image = self.solver.unit / self.one();
+        let bounds =
+            self.solver.settings.bounded().then_some([lower * per_image, upper * per_image]);
+        let ball = self.ball();
+        let deadline = self.settings.deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
+        let iterations = self.settings.max_iterations;
+        let least = self.recent[0].min(self.recent[1]);
+        let (single, double) = (&mut self.single, &mut self.double);
+        let mut problem = Problem {
+            arch: self.solver.arch,
+            seen: &self.seen,
+            target: &self.target,
+            beta: &self.beta,
+            weights,
+            bounds,
+            ball,
+            target_gap: self.settings.target_gap,
+            shown: 0.0,
+            anchor: &self.anchor,
+            exact: &self.double_setting,
+        };
+        let mut limits = Limits {
+            iterations,
+            start,
+            deadline,
+            give_up: GIVE_UP,
+            first_look: least.saturating_sub(4),
+        };
+        let record = &mut self.record;
+        // the image before is a candidate: often the best at rest
+        let unchanged = unchanged(&problem, record);
+        let is_zero_allowed = lower <= 0.0 && upper >= 0.0;
+        if is_zero_allowed && vanished(&problem, record, &self.coefficients) {
+            record.lower_bound = 0.0;
+            return Ok(End::Vanished);
+        }
+        if unchanged == 0.0 {
+            (record.primal, record.lower_bound) = (0.0, 0.0);
+            return Ok(End::Proven);
+        }
+        let is_single = self.settings.target_gap >= LEAST_SINGLE_GAP;
+        let mut end = End::GaveUp;
+        if is_single {
+            let setting = &self.single_setting;
+            single.begin(setting, &problem);
+            if is_stale {
+                self.image_scale =
+                    single.set_first_map(setting, &mut problem, FORGET, unchanged)?;
+            }
+            end = single.run(setting, &mut problem, record, &limits)?;
+        }
+        if end == End::GaveUp {
+            limits.give_up = usize::MAX;
+            let setting = &self.double_setting;
+            double.begin(setting, &problem);
+            if is_single {
+                double.take(&single.fields);
+            }
+            let scale = double.set_first_map(setting, &mut problem, FORGET, unchanged)?;
+            if !is_single {
+                self.image_scale = scale;
+            }
+            end = double.run(setting, &mut problem, record, &limits)?;
+            if is_single {
+                single.take(&double.fields);
+                // the map of the other type is of an earlier iterate
+                self.map_age = MAP_EVERY;
+            }
+        }
+        self.recent = [self.recent[1], self.record.iterations];
+        Ok(end)
+    }
+
+    /// The new image becomes the anchor.
+    fn report(&mut self, end: End) {
+        // a deadline may have left no feasible image: then the one before is held
+        if !self.record.primal.is_finite() {
+            return;
+        }
+        let per_image = self.one() / self.solver.unit;
+        let [lower, upper] = self.bounds_s();
+        for (&cell, out) in self.double_setting.places.cells.iter().zip(&mut self.image) {
+            let d = self.record.change[cell];
+            if d != 0.0 {
+                self.anchor[cell] += d;
+                // bounds hold to the last bit
+                *out = (self.anchor[cell] * per_image).clamp(lower, upper);
+            }
+        }
+        if self.pushed.is_multiple_of(RENEW) || end != End::Proven {
+            self.renew_coefficients();
+        } else {
+            let (setting, change) = (&self.double_setting, self.record.change.as_slice());
+            let out = &mut self.record.coefficients;
+            self.solver.arch.dispatch(Coefficients { setting, change, out });
+            let changes = self.coefficients.iter_mut().zip(&self.record.coefficients);
+            changes.for_each(|(c, d)| *c += d);
+        }
+    }
+
+    fn step(&self, end: End, start: Instant) -> CausalStep<'_> {
+        let one = self.one();
+        let objective = match self.ball() {
+            None => one * one,
+            Some(_) => self.largest_weight() * one / self.solver.unit,
+        };
+        CausalStep {
+            image: &self.image,
+            status: match end {
+                End::Proven => SequenceStatus::Converged,
+                End::Deadline => SequenceStatus::Deadline,
+                End::Vanished => SequenceStatus::Stalled,
+                End::Cap | End::GaveUp => SequenceStatus::IterationCap,
+            },
+            iterations: self.record.iterations,
+            certificate: Certificate {
+                primal: self.record.primal * objective,
+                lower_bound: self.record.lower_bound * objective,
+            },
+            residual: self.record.misfit * one,
+            quiet: false,
+            in_double: self.record.is_double,
+            seconds: start.elapsed().as_secs_f64(),
+        }
+    }
+}

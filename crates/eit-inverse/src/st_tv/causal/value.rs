@@ -1,0 +1,330 @@
+//! The image that a look finds, and its objective, in `f64`.
+
+use super::bound::Proof;
+use super::differences::{Basis, Differences};
+use super::fields::Setting;
+use super::frame::{Engine, Problem};
+use super::iterate::{ball_dual, dot};
+use super::lanes::{Lane, Project, each, load, total};
+use pulp::{Simd, WithSimd};
+
+/// An unknown that changed by less, relative to the target gap and the image's scale, is reported as
+/// unchanged.
+const THRESHOLD: f64 = 0.01;
+/// Rounds in which an image is moved into the data's ball.
+const REPAIRS: usize = 8;
+/// Each round aims at a ball this much smaller than the one before: bounds take back a part of it.
+const DEEPER: f64 = 0.02;
+
+/// The best that is known of a frame, in inner units.
+#[derive(Debug)]
+pub(crate) struct Record {
+    pub(crate) iterations: usize,
+    pub(crate) primal: f64,
+    pub(crate) lower_bound: f64,
+    /// Change of the best image, over cells, and its coefficients `V' d`.
+    pub(crate) change: Vec<f64>,
+    pub(crate) coefficients: Vec<f64>,
+    /// `|F' c - t|` of the best image, with what no image explains.
+    pub(crate) misfit: f64,
+    /// `F' c - t` of the last candidate, `[row of F']`.
+    pub(crate) residual: Vec<f64>,
+    /// Dual of the data that proves the bound, scaled, and the scale.
+    pub(crate) dual: Vec<f64>,
+    pub(crate) scale: f64,
+    /// The proof was found in `f64`.
+    pub(crate) is_double: bool,
+    /// Share of the change's radius that rounding took in the last proof.
+    pub(crate) rounding: f64,
+    candidate: Vec<f64>,
+    candidate_coefficients: Vec<f64>,
+    image: Vec<f64>,
+    column: Vec<f64>,
+}
+
+impl Record {
+    pub(crate) fn new(setting: &Setting<f64>) -> Self {
+        let (cells, ranks) = (vec![0.0; setting.places.length], vec![0.0; setting.padded]);
+        Self {
+            iterations: 0,
+            primal: f64::INFINITY,
+            lower_bound: f64::NEG_INFINITY,
+            change: cells.clone(),
+            coefficients: ranks.clone(),
+            misfit: 0.0,
+            residual: ranks.clone(),
+            dual: ranks.clone(),
+            scale: 0.0,
+            is_double: false,
+            rounding: 0.0,
+            candidate: cells.clone(),
+            candidate_coefficients: ranks.clone(),
+            image: cells,
+            column: ranks,
+        }
+    }
+
+    /// Begins a frame.
+    pub(crate) fn clear(&mut self) {
+        self.iterations = 0;
+        (self.primal, self.lower_bound) = (f64::INFINITY, f64::NEG_INFINITY);
+        self.change.fill(0.0);
+        self.coefficients.fill(0.0);
+        self.dual.fill(0.0);
+        self.scale = 0.0;
+        self.is_double = false;
+        self.rounding = 0.0;
+    }
+
+    pub(crate) fn gap(&self) -> f64 {
+        match self.primal - self.lower_bound {
+            // also of an objective of zero
+            gap if gap <= 0.0 => 0.0,
+            gap => gap / self.primal.abs(),
+        }
+    }
+
+    /// Does rounding alone cost more of the bound than the gap leaves?
+    pub(crate) fn is_blurred(&self, target_gap: f64) -> bool {
+        self.rounding > 0.3 * target_gap
+    }
+
+    pub(crate) fn take_proof<T: Project>(&mut self, proof: &Proof, engine: &mut Engine<T>) {
+        self.rounding = proof.rounding;
+        if proof.bound > self.lower_bound {
+            self.lower_bound = proof.bound;
+            self.scale = proof.scale;
+            self.is_double = T::EPSILON == f64::EPSILON;
+            for (own, y) in self.dual.iter_mut().zip(&engine.dual) {
+                *own = proof.scale * y;
+            }
+            std::mem::swap(&mut engine.proven, &mut engine.proof.flow);
+        }
+    }
+}
+
+/// Values the image before as a candidate; infinite where the data does not allow it. `Record` must be
+/// clear.
+pub(crate) fn unchanged(problem: &Problem<'_>, record: &mut Record) -> f64 {
+    record.candidate.fill(0.0);
+    let square = residual(problem.exact, problem, record);
+    if problem.ball.is_some_and(|ball| square > ball) {
+        return f64::INFINITY;
+    }
+    take(problem, record, square);
+    record.primal
+}
+
+/// Values the zero image as a candidate, for a constrained frame that allows it: there it is the optimum
+/// at rest, and an iteration would come ever nearer to it. `coefficients` are those of the anchor. Where the
+/// objective is zero up to rounding it is taken in any case: then true.
+pub(crate) fn vanished(problem: &Problem<'_>, record: &mut Record, coefficients: &[f64]) -> bool {
+    /// Objective that is rounding, where data is 1.
+    const SMALLEST: f64 = 1e-7;
+    let best = record.primal;
+    let square = problem.target.values.iter().map(|t| t * t).sum::<f64>();
+    if problem.ball.is_none_or(|ball| square > ball) {
+        return false;
+    }
+    if best <= SMALLEST {
+        record.primal = f64::INFINITY;
+    }
+    for &cell in &problem.exact.places.cells {
+        record.candidate[cell] = -problem.anchor[cell];
+    }
+    record.candidate_coefficients.iter_mut().zip(coefficients).for_each(|(out, c)| *out = -c);
+    take(problem, record, square);
+    best <= SMALLEST
+}
+
+/// Values the candidate of an engine, and keeps it if it is the best.
+pub(crate) fn value<T: Project>(
+    engine: &mut Engine<T>,
+    setting: &Setting<T>,
+    problem: &Problem<'_>,
+    record: &mut Record,
+) {
+    let threshold = THRESHOLD * problem.target_gap * problem.weights.image;
+    let [lower, upper] = problem.bounds.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+    let places = &problem.exact.places;
+    for &cell in &places.cells {
+        let fresh = engine.fields.fresh[cell].to_f64();
+        let moved = fresh - fresh.clamp(-threshold, threshold);
+        let x = problem.anchor[cell];
+        record.candidate[cell] =
+            if moved == 0.0 { 0.0 } else { (x + moved).clamp(lower, upper) - x };
+    }
+    let mut square = match problem.ball {
+        Some(_) => residual(problem.exact, problem, record),
+        None => {
+            let square = residual(setting, problem, record);
+            (square.sqrt() + misfit_error::<T>(setting, record)).powi(2)
+        }
+    };
+    if let Some(ball) = problem.ball {
+        let mut repairs = 0;
+        while square > ball && repairs < REPAIRS {
+            let inside = 1.0 - DEEPER * repairs as f64;
+            into_ball(engine, problem, record, ball * inside * inside);
+            square = residual(problem.exact, problem, record);
+            repairs += 1;
+        }
+        // rounding of this evaluation, where data is 1
+        if square.sqrt() > ball.sqrt() * (1.0 + 1e-9) + 1e-12 {
+            return;
+        }
+    }
+    take(problem, record, square);
+}
+
+/// Values the candidate, whose squared residual is known, and keeps it if it is the best.
+fn take(problem: &Problem<'_>, record: &mut Record, square: f64) {
+    let places = &problem.exact.places;
+    for &cell in &places.cells {
+        record.image[cell] = problem.anchor[cell] + record.candidate[cell];
+    }
+    let variation = match &problem.exact.basis {
+        Basis::Grid(differences) => {
+            problem.arch.dispatch(Variation { problem, differences, record })
+        }
+        Basis::Gathered(differences) => {
+            problem.arch.dispatch(Variation { problem, differences: differences.as_ref(), record })
+        }
+    };
+    let whole = square + problem.target.rest_squared;
+    let primal = if problem.ball.is_some() { variation } else { 0.5 * whole + variation };
+    if primal < record.primal {
+        record.primal = primal;
+        record.misfit = whole.sqrt();
+        std::mem::swap(&mut record.change, &mut record.candidate);
+        std::mem::swap(&mut record.coefficients, &mut record.candidate_coefficients);
+    }
+}
+
+/// Largest error of `|F' c - t|` by entries of `V` that are rounded: `|F| <= 1`, and a rounded row of
+/// `V` errs by a unit of its length.
+fn misfit_error<T: Project>(setting: &Setting<T>, record: &Record) -> f64 {
+    let cells = &setting.places.cells;
+    let sum: f64 = cells.iter().map(|&cell| record.candidate[cell].abs()).sum();
+    0.51 * T::EPSILON * setting.longest_row * sum
+}
+
+/// `F' c - t` of the candidate; returns its square.
+fn residual<T: Project>(setting: &Setting<T>, problem: &Problem<'_>, record: &mut Record) -> f64 {
+    let (change, out) = (&record.candidate, &mut record.candidate_coefficients);
+    problem.arch.dispatch(Coefficients { setting, change, out });
+    let rank = problem.exact.rank;
+    let rows = problem.seen.transposed.chunks_exact(rank).zip(problem.beta);
+    let mut square = 0.0;
+    for (k, (row, beta)) in rows.enumerate().take(problem.seen.rows) {
+        let own = match problem.seen.is_whole {
+            true => row[k] * record.candidate_coefficients[k],
+            false => dot(row, &record.candidate_coefficients[..rank]),
+        } - beta;
+        record.residual[k] = own;
+        square += own * own;
+    }
+    square
+}
+
+/// Moves the candidate towards the ball by the shortest way in the step map's metric, within bounds.
+fn into_ball<T: Project>(
+    engine: &Engine<T>,
+    problem: &Problem<'_>,
+    record: &mut Record,
+    ball: f64,
+) {
+    let (rank, rows) = (problem.exact.rank, problem.seen.rows);
+    // a hair inside, for the rounding of the map
+    let inside = ball * (1.0 - 1e-6);
+    let turned = &mut record.column[..rows];
+    for (out, vector) in turned.iter_mut().zip(engine.map.vectors.chunks_exact(rows)) {
+        *out = dot(vector, &record.residual[..rows]);
+    }
+    let mu = super::iterate::ball_multiplier(turned, &engine.map.values[..rows], inside);
+    for (u, value) in turned.iter_mut().zip(&engine.map.values) {
+        *u = ball_dual(*u, *value, mu);
+    }
+    // the candidate's coefficients are not needed any more
+    for (z, row) in
+        record.candidate_coefficients.iter_mut().zip(engine.map.back.chunks_exact(rows)).take(rank)
+    {
+        *z = dot(row, turned);
+    }
+    let [lower, upper] = problem.bounds.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
+    let setting = problem.exact;
+    for (row, &cell) in setting.rows.chunks_exact(setting.padded).zip(&setting.places.cells) {
+        let pull = dot(&row[..rank], &record.candidate_coefficients[..rank]);
+        let moved = record.candidate[cell] - engine.fields.tau[cell].to_f64() * pull;
+        let x = problem.anchor[cell];
+        record.candidate[cell] = (x + moved).clamp(lower, upper) - x;
+    }
+}
+
+/// `V' d`, of the unknowns that changed, summed in `f64`; four of them at a time, so that the sums are
+/// read and written a quarter as often.
+pub(crate) struct Coefficients<'a, T: Project> {
+    pub(crate) setting: &'a Setting<T>,
+    pub(crate) change: &'a [f64],
+    pub(crate) out: &'a mut [f64],
+}
+
+impl<T: Project> WithSimd for Coefficients<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { setting, change, out } = self;
+        let padded = setting.padded;
+        out.fill(0.0);
+        let (mut rows, mut values, mut known) = ([0; 4], [0.0; 4], 0);
+        for (p, &cell) in setting.places.cells.iter().enumerate() {
+            let d = change[cell];
+            if d != 0.0 {
+                (rows[known], values[known]) = (p * padded, d);
+                known += 1;
+            }
+            if known == 4 || (known > 0 && p + 1 == setting.places.cells.len()) {
+                values[known..].fill(0.0);
+                let [a, b, c, d] = rows.map(|at| &setting.rows[at..at + padded]);
+                for (k, out) in out.iter_mut().enumerate().take(padded) {
+                    let first = values[1].mul_add(b[k].to_f64(), *out);
+                    let second = values[3].mul_add(d[k].to_f64(), values[2] * c[k].to_f64());
+                    *out = values[0].mul_add(a[k].to_f64(), first) + second;
+                }
+                known = 0;
+            }
+        }
+    }
+}
+
+/// `lambda_space TV(x) + lambda_time |d|`.
+struct Variation<'a, D> {
+    problem: &'a Problem<'a>,
+    differences: &'a D,
+    record: &'a Record,
+}
+
+impl<D: Differences<f64>> WithSimd for Variation<'_, D> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let Self { problem, differences, record } = self;
+        let mut space: Lane<f64> = [0.0; super::lanes::LANES];
+        for &at in differences.group_blocks() {
+            let [a, b] = differences.difference(&record.image, at);
+            let radius = differences.group_radius(at);
+            space = each(|l| {
+                let norm = a[l].mul_add(a[l], b[l] * b[l]).sqrt();
+                radius[l].mul_add(norm, space[l])
+            });
+        }
+        let mut time: Lane<f64> = [0.0; super::lanes::LANES];
+        for &at in &problem.exact.places.blocks {
+            let (d, radius) = (load(&record.candidate, at), differences.cell_radius(at));
+            time = each(|l| radius[l].mul_add(d[l].abs(), time[l]));
+        }
+        problem.weights.lambda_space * total(&space) + problem.weights.lambda_time * total(&time)
+    }
+}
