@@ -287,25 +287,36 @@ fn velocity_of_a_steady_point() {
     assert!(rest.velocity_m_s.iter().all(|v| v.abs() < 1e-3), "{rest:?}");
 }
 
-/// What explains more is surer, and what has been there for longer, whatever its strength.
+/// What explains more is surer, what has been there for longer, and what is better known; strength alone
+/// does not count.
 #[test]
-fn confidence_rises_with_worth_and_age() {
-    let confidences = |worth: f64, strength: f64| -> Vec<f64> {
+fn confidence_rises_with_worth_age_and_certainty() {
+    let confidences_of = |worth: f64, strength_s_m2: f64, part: f64| -> Vec<f64> {
         let mut bench = Bench::new(|_| ());
-        let found = DetectedTouch { worth, ..touch(0.0, 0.0, strength) };
+        let strength_std_s_m2 = part * strength_s_m2;
+        let found = DetectedTouch { worth, strength_std_s_m2, ..touch(0.0, 0.0, strength_s_m2) };
         (0..6).map(|_| only(&bench.push(&[found])).confidence).collect()
     };
+    let confidences = |worth, strength_s_m2| confidences_of(worth, strength_s_m2, 0.1);
     let worths = [1.0, 1.8, 2.5, 5.0, 20.0, 200.0];
     let all = worths.map(|worth| confidences(worth, STRONG));
     for (worth, of) in worths.iter().zip(&all) {
         assert!(of.iter().all(|c| (0.0..=1.0).contains(c)), "{worth}: {of:?}");
         assert!(of[..4].windows(2).all(|pair| pair[1] > pair[0]), "{worth}: {of:?}");
         assert!(of[3..].windows(2).all(|pair| pair[1] == pair[0]), "{worth}: {of:?}");
-        assert_eq!(of, &confidences(*worth, 3.0 * STRONG));
+        // four times as strong: the same to the last digit
+        assert_eq!(of, &confidences(*worth, 4.0 * STRONG));
     }
-    for pair in all.windows(2) {
+    let parts = [0.2, 0.1, 0.05, 0.01].map(|part| confidences_of(5.0, STRONG, part));
+    for pair in all.windows(2).chain(parts.windows(2)) {
         assert!(pair[0].iter().zip(&pair[1]).all(|(less, more)| more > less), "{pair:?}");
     }
+    // a strength of which nothing is known: reported with the second frame, and no number is lost
+    let mut bench = Bench::new(|_| ());
+    let unknown = DetectedTouch { strength_std_s_m2: f64::INFINITY, ..touch(0.0, 0.0, STRONG) };
+    bench.push(&[unknown]);
+    let confidence = only(&bench.push(&[unknown])).confidence;
+    assert!(confidence > 0.5 && confidence < parts[0][0], "{confidence}");
 }
 
 /// Touches come, go and jump: nothing is allocated from the first frame on.

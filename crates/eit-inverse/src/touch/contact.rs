@@ -38,9 +38,9 @@ pub struct Touch {
     /// Peak of the conductivity change, siemens (per square); with its sign.
     pub peak_s: f64,
     /// How sure it is that there is a touch now, 0 to 1. Of a [`TouchDetector`](super::TouchDetector)'s:
-    /// the part of touches that explain as much and are as old which were true on simulated fabrics. Of
-    /// images: `(1 - p) h`, where `p` is the probability
-    /// that noise alone makes a peak as high anywhere in one image and `h` the share of the last
+    /// the part of touches that explain as much, are as old and are as well known which were true on
+    /// simulated fabrics. Of images: `(1 - p) h`, where `p` is the probability that noise alone
+    /// makes a peak as high anywhere in one image and `h` the share of the last
     /// images (as many as a birth may take, fewer for young touches) that showed the touch. It
     /// knows of noise alone, not of artefacts.
     pub confidence: f64,

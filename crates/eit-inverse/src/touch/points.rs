@@ -281,7 +281,7 @@ impl TouchTracker {
                 intensity_s_m2: track.seen.strength_s_m2,
                 intensity_std_s_m2: Some(track.seen.strength_std_s_m2),
                 peak_s: track.seen.peak_s,
-                confidence: confidence(track.seen.worth, track.frames - born),
+                confidence: confidence(&track.seen, track.frames - born),
                 age_frames: track.frames - born,
                 age_s: time_s - begin_s,
                 valid: track.missed == 0 && spread.sqrt() <= self.settings.max_position_std_m,
@@ -294,12 +294,14 @@ impl TouchTracker {
     }
 }
 
-/// The part of touches of this worth and age that are true: a logistic curve fitted to 39 489 touches
-/// that were reported on simulated fabrics (the paper's skin and twelve other scenes, faults of
-/// electrodes), of which 99.4 % stood within 25 mm of a finger. Where it says 0.80 to 0.90, 0.90 to 0.95 and
-/// 0.95 to 0.98, 87 %, 93 % and 97 % did.
-fn confidence(worth: f64, age_frames: u64) -> f64 {
-    let logit = 0.5 + 1.13 * worth.max(1.0).ln() + 0.38 * age_frames.min(3) as f64;
+/// The part of touches of this worth, age and strength over its standard deviation that are true: a
+/// logistic curve fitted to 25 531 touches that were reported on simulated fabrics (the paper's skin with one
+/// to six fingers and with faults of electrodes, patches, a plate with a hole), of which 99.6 % stood within
+/// 25 mm of a finger. docs/VALIDATION.md holds it against recordings that it was not fitted to.
+fn confidence(touch: &DetectedTouch, age_frames: u64) -> f64 {
+    let worth = touch.worth.max(1.0);
+    let known = (touch.strength_s_m2 / touch.strength_std_s_m2).abs().max(1.0);
+    let logit = 0.5 + worth.ln() + 0.8 * known.ln() + 0.15 * age_frames.min(3) as f64;
     1.0 / (1.0 + (-logit).exp())
 }
 

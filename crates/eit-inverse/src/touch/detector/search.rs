@@ -11,8 +11,11 @@ use crate::geometry::distance_m;
 /// Gauss-Newton steps of each fit; starts are half a spacing away at most.
 const STEPS: usize = 4;
 
-/// Damping of those steps, relative to each unknown's own curvature.
+/// Damping of those steps, relative to each unknown's own curvature, ...
 const DAMPING: f64 = 1e-3;
+
+/// ... and its growth where steps fit worse and are taken back.
+const MORE_DAMPING: f64 = 100.0;
 
 /// Part of the rest that a touch must explain to be looked at.
 const EXPLAINS: f64 = 0.04;
@@ -86,6 +89,8 @@ pub(super) struct Search {
     /// What is left without any touch.
     pub(super) residual_without: Vec<f64>,
     system: SmallSystem,
+    /// Places from which steps began.
+    began: Vec<Spot>,
     trial: Fit,
     path: Fit,
     pub(super) best: Fit,
@@ -101,6 +106,7 @@ impl Search {
             residual: vec![0.0; rows],
             residual_without: vec![0.0; rows],
             system: SmallSystem::new(3 * most + 2 + settings.trails),
+            began: Vec::with_capacity(most),
             trial: Fit::default(),
             path: Fit::default(),
             best: Fit::default(),
@@ -167,12 +173,16 @@ impl Search {
         self.fit_strengths(scene, y, &mut best);
         loop {
             self.weigh(scene, y, &mut best, least);
-            let strongest = best.strengths.iter().copied().fold(0.0, f64::max);
             let settings = scene.settings;
-            let faint = settings
-                .least_s_m2
-                .max(settings.least_share * strongest)
-                .max(settings.least_share_of_late * scene.late_s_m2);
+            // beside what explains more; in a corner that is hardly seen, strengths are whatever they like
+            let faint = |k: usize| {
+                let more = (0..best.spots.len()).filter(|&i| best.worth[i] >= best.worth[k]);
+                let strongest = more.map(|i| best.strengths[i]).fold(0.0, f64::max);
+                settings
+                    .least_s_m2
+                    .max(settings.least_share * strongest)
+                    .max(settings.least_share_of_late * scene.late_s_m2)
+            };
             // a touch that was there in the frame before goes on
             let goes_on = |k: usize| {
                 let at = best.spots[k].position_m;
@@ -186,7 +196,7 @@ impl Search {
                 let gain = (best.worth[k] - 1.0) * best.rest.max(least);
                 best.worth[k] < settings.least_ratio
                     || gain < settings.least_gain
-                    || best.strengths[k] < faint
+                    || best.strengths[k] < faint(k)
                     || best.strengths[k] < settings.least_share_of_here * here(k)
                     || is_beside(&best, k, MERGE * settings.apart_m, 1.0)
                     || is_beside(&best, k, BESIDE * settings.apart_m, BESIDE_SHARE)
@@ -222,16 +232,39 @@ impl Search {
         }
     }
 
-    /// Places and strengths of all touches together.
+    /// Places and strengths of all touches together. Where full steps end in a worse fit than they began
+    /// with, they are taken back and damped ones, none of which may make it worse, go instead.
     fn fit(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
-        for _ in 0..STEPS {
-            if fit.spots.is_empty() {
-                break;
-            }
-            self.fit_strengths(scene, y, fit);
-            self.step(scene, fit);
-        }
         self.fit_strengths(scene, y, fit);
+        if fit.spots.is_empty() {
+            return;
+        }
+        let rest = fit.rest;
+        self.began.clone_from(&fit.spots);
+        for _ in 0..STEPS {
+            self.step(scene, fit, DAMPING);
+            self.fit_strengths(scene, y, fit);
+        }
+        if fit.rest > rest {
+            fit.spots.clone_from(&self.began);
+            self.fit_strengths(scene, y, fit);
+            self.fit_damped(scene, y, fit);
+        }
+    }
+
+    fn fit_damped(&mut self, scene: &Scene<'_>, y: &[f64], fit: &mut Fit) {
+        let mut damping = MORE_DAMPING * DAMPING;
+        for _ in 0..STEPS {
+            let rest = fit.rest;
+            self.began.clone_from(&fit.spots);
+            self.step(scene, fit, damping);
+            self.fit_strengths(scene, y, fit);
+            if fit.rest > rest {
+                fit.spots.clone_from(&self.began);
+                self.fit_strengths(scene, y, fit);
+                damping *= MORE_DAMPING;
+            }
+        }
     }
 
     /// Strengths of touches where they are, and shares of memories; what is left.
@@ -269,10 +302,10 @@ impl Search {
     }
 
     /// One damped Gauss-Newton step of the places, at most a spacing long.
-    fn step(&mut self, scene: &Scene<'_>, fit: &mut Fit) {
+    fn step(&mut self, scene: &Scene<'_>, fit: &mut Fit, damping: f64) {
         let touches = fit.spots.len();
         self.set_all(fit);
-        let step = self.system.solve_damped(3 * touches, DAMPING);
+        let step = self.system.solve_damped(3 * touches, damping);
         for (k, spot) in fit.spots.iter_mut().enumerate() {
             let along = [step[touches + 2 * k], step[touches + 2 * k + 1]];
             let length = along[0].hypot(along[1]);
