@@ -220,3 +220,54 @@ fn a_gain_is_no_touch() {
     // else the gain would prove nothing
     assert!(fooled > ELECTRODES / 2, "{fooled}");
 }
+
+/// A light touch near the rim changes more voltages than a hard one in the middle, which is hardly seen: it
+/// is no artefact of that one, although it has but an eighth of its strength. In the middle beside a hard touch
+/// at the rim it might be, and is not shown.
+#[test]
+fn a_touch_is_faint_beside_what_explains_more() {
+    let mut random = Random::new(21);
+    let mut shown = [0; 2];
+    for turn in 0..20 {
+        let (sin, cos) = f64::from(turn).sin_cos();
+        let rim = [0.09 * cos, 0.09 * sin];
+        for (shown, [at_rim, in_middle]) in shown.iter_mut().zip([[1.0, 8.0], [8.0, 1.0]]) {
+            let frame = touched(&[(rim, at_rim * FINGER), ([0.0, 0.0], in_middle * FINGER)]);
+            let frame = random.noisy(&frame, SKIN.noise_std_v[0]);
+            *shown += push(&mut SKIN.detector(LEAST), &frame).len();
+        }
+    }
+    println!("touches in 20 frames each {shown:?}");
+    assert_eq!(shown, [40, 20]);
+}
+
+/// Six fingers at random, 40 mm apart, each frame on its own. Full Gauss-Newton steps may run away; where they
+/// were not taken back, frame 165 showed nothing at all.
+#[test]
+fn six_fingers_are_found_from_one_frame() {
+    let mut random = Random::new(22);
+    let (mut found, mut shown, frames) = (0, 0, 200);
+    let detector = SKIN.detector(LEAST);
+    for frame in 0..frames {
+        let mut places: Vec<[f64; 2]> = Vec::new();
+        while places.len() < 6 {
+            let at = place(&mut random, 0.92);
+            let is_apart = |p: &[f64; 2]| (p[0] - at[0]).hypot(p[1] - at[1]) > 0.04;
+            if places.iter().all(is_apart) {
+                places.push(at);
+            }
+        }
+        let touches: Vec<_> =
+            places.iter().map(|at| (*at, random.between(0.5, 2.0) * FINGER)).collect();
+        let values = random.noisy(&touched(&touches), SKIN.noise_std_v[0]);
+        let touches = push(&mut detector.clone(), &values);
+        let is_found = |at: &&[f64; 2]| touches.iter().any(|t| distance_m(t, **at) < 0.02);
+        let here = places.iter().filter(is_found).count();
+        // measured: 4 once, else 5 and 6
+        assert!(here >= 3, "frame {frame}: {here} of {places:?}");
+        found += here;
+        shown += touches.len();
+    }
+    println!("{found} of {} fingers, {shown} touches", 6 * frames);
+    assert!(found >= 1116 && shown <= found + 24, "93 % and 2 %: {found} and {shown}");
+}
