@@ -22,11 +22,23 @@ fn touch_figures_are_sane_against_the_bound() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     succeed(&["report", "--touches", "--quick", "--out", text(&out)]);
-    for file in ["touches.md", "touches.csv", "position_centre.png", "position_rim.png"] {
+    for file in
+        ["touches.md", "touches.csv", "reliability.png", "position_centre.png", "position_rim.png"]
+    {
         assert!(std::fs::metadata(out.join(file)).unwrap().len() > 1000, "{file}");
     }
     let json = std::fs::read_to_string(out.join("touches.json")).unwrap();
     let report: Value = serde_json::from_str(&json).unwrap();
+
+    // what should not be there stands first: nothing while nothing touches the skin, and of 200 touches
+    // and more at most one in a hundred; measured none of 315
+    assert_eq!(report["tables"][0]["name"], "reliability");
+    let [untouched, all, said @ ..] = rows(&report, "reliability").as_slice() else { panic!() };
+    assert_eq!(number(untouched, "without a finger"), 0.0, "{untouched}");
+    let [wrong, reported] = ["without a finger", "reported"].map(|column| number(all, column));
+    assert!(reported > 200.0 && wrong <= 0.01 * reported, "{all}");
+    let of_ranges: f64 = said.iter().map(|row| number(row, "reported")).sum();
+    assert_eq!(of_ranges, reported);
 
     // 60 dB: at every ring all touches are found, and the fit is at its bound
     let positions = rows(&report, "position");

@@ -20,7 +20,7 @@ use crate::settings::ReportSettings;
 use eit_skin::{Progress, StopFlag};
 
 /// Files of the parts: each run removes those of the others that it does not make.
-const FILES: [&str; 22] = [
+const FILES: [&str; 23] = [
     "report.html",
     "report.md",
     "report.json",
@@ -35,6 +35,7 @@ const FILES: [&str; 22] = [
     "touches.md",
     "touches.csv",
     "touches.json",
+    "reliability.png",
     "position_centre.png",
     "position_half.png",
     "position_rim.png",

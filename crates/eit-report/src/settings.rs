@@ -60,6 +60,8 @@ pub struct ReportSettings {
 pub enum TouchPart {
     /// Every part.
     All,
+    /// Touches without a finger, and whether confidence holds what it says.
+    Reliability,
     /// Position error of one touch beside its bound.
     Position,
     /// The same when electrodes move.

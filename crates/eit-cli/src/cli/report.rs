@@ -15,10 +15,10 @@ pub(crate) struct ReportArgs {
     /// Figures of merit over noise, speed and touches instead of error against time.
     #[arg(long)]
     pub quality: bool,
-    /// Touches instead of images: position error beside its bound, moving electrodes and what
-    /// taking them out of the data does, two-point discrimination, tracks, GREIT figures, latency; or
-    /// the parts named, as in
-    /// --touches=position,pairs.
+    /// Touches instead of images: those without a finger and whether confidence holds what it says,
+    /// position error beside its bound, moving electrodes and what taking them out of the data does,
+    /// two-point discrimination, tracks, GREIT figures, latency; or the parts named, as in
+    /// --touches=reliability,pairs.
     #[arg(long, conflicts_with = "quality", value_name = "PARTS", value_delimiter = ',')]
     #[arg(num_args = 0..=1, require_equals = true, default_missing_value = "all")]
     pub touches: Vec<TouchPart>,
@@ -56,6 +56,8 @@ pub(crate) struct ReportArgs {
 pub(crate) enum TouchPart {
     /// Every part.
     All,
+    /// Touches without a finger, and whether confidence holds what it says.
+    Reliability,
     /// Position error of one touch beside its bound.
     Position,
     /// The same when electrodes move.

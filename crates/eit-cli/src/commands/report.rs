@@ -10,6 +10,7 @@ use eit_report::settings::{self, ReportSettings};
 pub(crate) fn run(args: &ReportArgs) -> Result<Answer, CliError> {
     let part = |part: &TouchPart| match part {
         TouchPart::All => settings::TouchPart::All,
+        TouchPart::Reliability => settings::TouchPart::Reliability,
         TouchPart::Position => settings::TouchPart::Position,
         TouchPart::Movement => settings::TouchPart::Movement,
         TouchPart::Electrodes => settings::TouchPart::Electrodes,

@@ -1,4 +1,4 @@
-//! How well touches are found: position, discrimination, tracks, and how fast.
+//! How well touches are found: what is reported without a finger, position, discrimination, tracks, and how fast.
 
 mod detectors;
 mod electrodes;
@@ -11,6 +11,8 @@ mod noise_levels;
 mod pairs;
 mod plots;
 mod position;
+mod reliability;
+mod script_recording;
 mod simulated_disc;
 mod tracking_scores;
 mod tracks;
@@ -60,6 +62,13 @@ pub(super) fn run(
     if wants(TouchPart::Tracks) {
         let steps = tracks::MOST * (1 + levels);
         tables.push(progress.steps("tracks", steps, |bar| tracks::table(&disc, &grid, bar))?);
+    }
+    if wants(TouchPart::Reliability) {
+        let told = progress.steps("reliability", reliability::steps(&grid), |bar| {
+            reliability::measure(&disc, &grid, bar)
+        })?;
+        tables.insert(0, reliability::table(&grid, &told));
+        reliability::draw(&told, out)?;
     }
     if wants(TouchPart::Greit) {
         let steps = grid.greit_radii.len() * greit::COMPARED;

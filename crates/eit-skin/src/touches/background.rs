@@ -33,7 +33,7 @@ pub(super) struct Background {
     pub left: [f64; 2],
 }
 
-/// The sheet that explains the reference; `None` where an even one does as well.
+/// The sheet that explains the reference; `None` where an even one does as well or better.
 pub(super) fn of_reference(
     fitted: &FittedFrames,
     noise: &VoltageNoise,
@@ -79,7 +79,8 @@ pub(super) fn of_reference(
             .map(|voltages| left(&reference_v, voltages.view(), &frames.used));
         best = Some(Background { conductivity_s: uneven_s, voltages, jacobian, found, left });
     }
-    Ok(best)
+    // where the skin is not what the scene says, steps lead anywhere
+    Ok(best.filter(|best| best.left[1] < best.left[0]))
 }
 
 /// Root mean square of what voltages leave of a reference, part of its own.

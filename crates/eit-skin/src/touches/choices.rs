@@ -39,7 +39,8 @@ impl Choices {
             None => "sheet taken to be even, which explains the reference as well as an uneven one"
                 .to_owned(),
             Some(FoundSheet { amplitude, left_even, left }) => format!(
-                "sheet uneven by {:.0} %: explains the reference to {:.2} %, an even one to {:.2} %",
+                "sheet taken to be uneven by {:.0} %, which explains the reference to {:.2} %, an even one \
+                 to {:.2} %",
                 100.0 * amplitude,
                 100.0 * left,
                 100.0 * left_even

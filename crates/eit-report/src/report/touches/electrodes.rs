@@ -4,19 +4,18 @@
 use super::super::statistics::quantile;
 use super::super::table::{Cell, Table};
 use super::grid::Grid;
+use super::script_recording::ScriptRecording;
 use super::simulated_disc::SimulatedDisc;
-use super::tracking_scores::{FULL_N, PresentFinger, TrackingScores, WITHIN_M};
+use super::tracking_scores::{FULL_N, TrackingScores, WITHIN_M};
 use crate::error::ReportError;
-use eit_fem::fabric::{
-    Fabric, FabricSettings, PlayCircle, Rim, Simulation, SimulationSettings, TouchScript,
-};
+use eit_fem::fabric::{FabricSettings, Rim};
 use eit_inverse::metrics::{Cells, TouchSettings, artefact_energy, touch_position_errors_m};
 use eit_inverse::touch::Touch;
 use eit_mesh::Raster;
-use eit_skin::denoise::{Chain, Chained, Lengths};
+use eit_skin::Progress;
+use eit_skin::denoise::{Chain, Chained};
 use eit_skin::method::Method;
 use eit_skin::touches::touches;
-use eit_skin::{Progress, Skin};
 use ndarray::{ArrayView2, Axis};
 
 /// How far electrodes are said to move: in these scripts it is 0.7 mm at most, root mean square along
@@ -67,12 +66,17 @@ pub(super) fn table(
     let mut rows = Vec::new();
     let mut moved_m = 0.0_f64;
     for case in cases(grid) {
-        let recording = ScriptRecording::simulate(disc, case, grid.script_frames)?;
+        let mut fabric = FabricSettings::default();
+        if case.rigid {
+            fabric.rim = Rim { compliance: 0.0, contact_gain: 0.0 };
+        }
+        let Case { script, seed, .. } = *case;
+        let recording = ScriptRecording::simulate(disc, script, seed, &fabric, grid.script_frames)?;
         moved_m = moved_m.max(recording.moved_m());
         for movement_m in [None, Some(MOVEMENT_M)] {
             let key = movement_m.map_or("-".to_owned(), |m| format!("{} mm", 1e3 * m));
             for method in METHODS {
-                let chain = chain(disc, method, movement_m, &recording.script)?;
+                let chain = recording.chain(disc, method, movement_m)?;
                 let mut made = chain.reconstruct(&recording.simulation.frames_v)?;
                 made.fitted.frames.rate_hz = Some(recording.script.frame_rate_hz);
                 let label = [case.name, method.name(), &key].map(Cell::text);
@@ -120,62 +124,7 @@ pub(super) fn table(
     })
 }
 
-/// The chain of `eit reconstruct` for a simulated recording of the paper's skin.
-fn chain(
-    disc: &SimulatedDisc,
-    method: Method,
-    movement_m: Option<f64>,
-    script: &TouchScript,
-) -> Result<Chain, ReportError> {
-    let mut skin: Skin = disc.model.skin().clone();
-    skin.settings.reconstruction.electrode_movement_m = movement_m;
-    let lengths = Some(Lengths { frames: script.frames, quiet: script.quiet_frames });
-    Ok(Chain::new(skin, Some(method.name()), lengths, &mut Progress::silent())?)
-}
-
-/// A simulated recording of a script.
-struct ScriptRecording {
-    script: TouchScript,
-    simulation: Simulation,
-}
-
 impl ScriptRecording {
-    fn simulate(disc: &SimulatedDisc, case: &Case, most: usize) -> Result<Self, ReportError> {
-        let skin = &disc.simulation;
-        let mesh = &skin.mesh;
-        let mut script = TouchScript::built_in(case.script, &PlayCircle::of(mesh), case.seed)?;
-        script.frames = script.frames.min(most);
-        let mut settings = FabricSettings::default();
-        if case.rigid {
-            settings.rim = Rim { compliance: 0.0, contact_gain: 0.0 };
-        }
-        let (sheet_s, impedance) = (skin.conductivity_s, &skin.contact_impedance);
-        let fabric = Fabric::new(mesh, &skin.protocol, sheet_s, impedance, &settings)?;
-        let raster = Raster::new(mesh.surface(), disc.model.raster.pixels())?;
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        let how = SimulationSettings { seed: case.seed, threads, keep_elements: false };
-        let simulation = fabric.simulate(&script, &raster, &how, &mut |_| {})?;
-        Ok(Self { script, simulation })
-    }
-
-    /// Largest movement of an electrode in the plane of the skin, metres.
-    fn moved_m(&self) -> f64 {
-        let shifts = self.simulation.truth.electrode_shift_m.rows().into_iter();
-        shifts.map(|s| s[0].hypot(s[1])).fold(0.0, f64::max)
-    }
-
-    /// Fingers of a frame.
-    fn present(&self, frame: usize) -> Vec<PresentFinger> {
-        let touches = self.simulation.truth.touches.iter().filter(|touch| touch.frame == frame);
-        touches
-            .map(|t| PresentFinger {
-                finger: t.finger,
-                position_m: t.position_m,
-                is_full: t.force_n >= FULL_N,
-            })
-            .collect()
-    }
-
     /// Cells of a row about images.
     fn image_cells(&self, chain: &Chain, made: &Chained) -> Result<Vec<Cell>, ReportError> {
         let raster = chain.linearised.raster(&mut Progress::silent())?;

@@ -23,6 +23,8 @@ pub(super) struct Grid {
     /// Whether all cases of moving electrodes are simulated, and how many frames of each at most.
     pub all_scripts: bool,
     pub script_frames: usize,
+    /// Frames of each recording that confidence is judged on, at most.
+    pub reliability_frames: usize,
 }
 
 /// A full run.
@@ -42,6 +44,7 @@ pub(super) const FULL: Grid = Grid {
     quiet_frames: 60,
     all_scripts: true,
     script_frames: 400,
+    reliability_frames: 400,
 };
 
 /// With `--quick`.
@@ -58,4 +61,5 @@ pub(super) const QUICK: Grid = Grid {
     quiet_frames: 20,
     all_scripts: false,
     script_frames: 50,
+    reliability_frames: 120,
 };
