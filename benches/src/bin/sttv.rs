@@ -13,7 +13,8 @@
 use benches::{Result, limits};
 use cpu_time::ProcessTime;
 use eit_inverse::{
-    DifferenceFrames, Gradient, StTv, StTvSettings, StTvStream, Stop, StreamSettings,
+    CausalSettings, CausalStream, DifferenceFrames, Gradient, StTv, StTvSettings, StTvStream, Stop,
+    StreamSettings,
 };
 use fixtures::Random;
 use fixtures::st_tv::{self, StTvProblem};
@@ -27,6 +28,8 @@ const GAPS: [f64; 3] = [1e-2, 1e-3, 1e-4];
 /// Frames of the stream, those of its beginning that are not counted, and frames a turn: the
 /// paper's finger takes 397.
 const STREAM: [usize; 3] = [60, 20, 397];
+/// The same for frames that are linked to the one before, which are quicker.
+const CAUSAL: [usize; 3] = [437, 40, 397];
 /// Gap of every frame of the stream.
 const STREAM_GAP: f64 = 1e-2;
 
@@ -104,7 +107,8 @@ fn time(pixels: usize, problem: &StTvProblem) -> Result<Value> {
         "certified_gap": reached,
         "flop_per_s": limits::matmul_f32_flop_per_s()?,
         "byte_per_s": limits::read_byte_per_s(2_500_000)?,
-        "stream": stream(problem, &solver)?,
+        "stream": stream(problem, Follower::window(&solver)?, STREAM)?,
+        "causal": stream(problem, Follower::causal(&solver)?, CAUSAL)?,
     }))
 }
 
@@ -125,17 +129,58 @@ impl Clocks {
     }
 }
 
-/// Two touches that circle, with the problem's noise, through a window of 8 frames.
-fn stream(problem: &StTvProblem, solver: &StTv) -> Result<Value> {
-    let settings = StreamSettings { target_gap: STREAM_GAP, ..Default::default() };
-    let mut stream = StTvStream::new(solver.clone(), settings)?;
+/// What follows a stream.
+enum Follower {
+    Window(Box<StTvStream>),
+    Causal(Box<CausalStream>),
+}
+
+/// What a frame cost.
+struct Cost {
+    iterations: usize,
+    seconds: f64,
+    gap: f64,
+}
+
+impl Follower {
+    fn window(solver: &StTv) -> Result<Self> {
+        let settings = StreamSettings { target_gap: STREAM_GAP, ..Default::default() };
+        Ok(Self::Window(Box::new(StTvStream::new(solver.clone(), settings)?)))
+    }
+
+    fn causal(solver: &StTv) -> Result<Self> {
+        let settings = CausalSettings { target_gap: STREAM_GAP, ..Default::default() };
+        Ok(Self::Causal(Box::new(CausalStream::new(solver.clone(), settings)?)))
+    }
+
+    fn push(&mut self, dv: &[f64]) -> Result<Cost> {
+        Ok(match self {
+            Self::Window(stream) => {
+                let step = stream.push(dv, None)?;
+                let gap = step.certificate.relative_gap();
+                Cost { iterations: step.iterations, seconds: step.seconds, gap }
+            }
+            Self::Causal(stream) => {
+                let step = stream.push(dv, None)?;
+                let gap = step.certificate.relative_gap();
+                Cost { iterations: step.iterations, seconds: step.seconds, gap }
+            }
+        })
+    }
+}
+
+/// Two touches that circle, with the problem's noise, one frame after the other.
+fn stream(
+    problem: &StTvProblem,
+    mut follower: Follower,
+    [count, warm_up, turn]: [usize; 3],
+) -> Result<Value> {
     let noise_std = problem.noise_norm / (problem.values.len() as f64).sqrt();
     let mut random = Random::new(1);
     let side = problem.mask.nrows() as f64;
     let inside = problem.mask.indexed_iter().filter(|(_, inside)| **inside);
     let place = |i: usize| (i as f64 + 0.5) / side * 2.0 - 1.0;
     let pixels: Vec<[f64; 2]> = inside.map(|((i, j), _)| [place(j), place(i)]).collect();
-    let [count, warm_up, turn] = STREAM;
     let (mut seconds, mut iterations, mut worst_gap) = (Vec::new(), 0, 0.0_f64);
     for frame in 0..count {
         let angle = frame as f64 / turn as f64 * std::f64::consts::TAU;
@@ -153,11 +198,11 @@ fn stream(problem: &StTvProblem, solver: &StTv) -> Result<Value> {
             *value += noise_std * random.normal();
         }
         let clocks = Clocks::start();
-        let step = stream.push(&dv, None)?;
+        let cost = follower.push(&dv)?;
         if frame >= warm_up {
-            seconds.push(clocks.processor_share() * step.seconds);
-            iterations += step.iterations;
-            worst_gap = worst_gap.max(step.certificate.relative_gap());
+            seconds.push(clocks.processor_share() * cost.seconds);
+            iterations += cost.iterations;
+            worst_gap = worst_gap.max(cost.gap);
         }
     }
     let frames_per_s = seconds.len() as f64 / seconds.iter().sum::<f64>();
@@ -165,7 +210,7 @@ fn stream(problem: &StTvProblem, solver: &StTv) -> Result<Value> {
     seconds.sort_by(f64::total_cmp);
     let quantile = |q: f64| seconds[((seconds.len() - 1) as f64 * q).round() as usize];
     Ok(json!({
-        "window": settings.window,
+        "linked": matches!(follower, Follower::Causal(_)),
         "frames": seconds.len(),
         "frames_per_s": frames_per_s,
         "iterations": mean,

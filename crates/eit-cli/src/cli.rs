@@ -1,12 +1,17 @@
 //! The command line. Long because what `--help` says is one list: every command and its arguments.
 
+mod learn;
 mod live;
 mod report;
+mod shell;
 
+pub(crate) use learn::LearnArgs;
 pub(crate) use live::{
-    CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, RecordArgs, ReplayArgs, WatchArgs,
+    CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, PublishArgs, RecordArgs,
+    RecoverArgs, ReplayArgs, WatchArgs,
 };
 pub(crate) use report::{ReportArgs, TouchPart};
+pub(crate) use shell::{CompletionsArgs, ManArgs};
 
 use clap::{Args, Parser, Subcommand};
 use std::path::PathBuf;
@@ -34,7 +39,8 @@ use std::path::PathBuf;
         eit check my.toml                      is every electrode sound?\n  \
         eit live my.toml                       touches as they happen\n  \
         eit record my.toml --out press.mcap    a recording that survives a crash\n\n\
-        Exit codes: 0 done, 2 wrong usage or bad input, 1 failure."
+        Exit codes: 0 done, 1 failure, 2 wrong usage or bad input, 3 ended while the instrument was silent or \
+        unplugged, 4 `eit check` found a fault."
 )]
 pub(crate) struct Cli {
     /// What to do.
@@ -85,6 +91,24 @@ pub(crate) enum Command {
     ///
     /// Example: eit calibrate my.toml --frames untouched.csv
     Calibrate(CalibrateArgs),
+    /// Learn place and force of touches from presses at known places.
+    ///
+    /// Press the real skin at known places (a robot, a grid on paper, known weights), record it, and write
+    /// a table with a line for each press. Held against each other on presses held out are the model
+    /// alone, the model with a learnt correction of its responses, and regression from frames to places;
+    /// the best is taken, and the answer says by how much. 10 presses fix turn, mirror and scale of a
+    /// skin whose electrode order is unknown (--fit-frame), 25 to 100 give maps of place. With force_n in
+    /// the table (three presses at least, a dozen are better) touches carry newtons. The answer holds the
+    /// learning curve: the first presses in time, tested on all after them.
+    ///
+    /// Name the file in the scene, `learned = "skin.learned"` in its table `touch`, and every command that finds
+    /// touches uses it; touches.csv then has force_n, its standard deviation, and whether a touch is
+    /// unlike all that were learnt. The file belongs to the scene's skin, electrodes and protocol.
+    ///
+    /// Example: eit learn my.toml --presses presses.csv --frames presses.mcap --reference 0..20
+    /// --out skin.learned
+    #[command(verbatim_doc_comment)]
+    Learn(LearnArgs),
     /// Simulate frames of a touched fabric, with the truth beside them.
     ///
     /// A script moves fingers over the scene's skin: each dents the stretched fabric, changes its
@@ -173,6 +197,11 @@ pub(crate) enum Command {
     ///
     /// Example: eit replay my.toml --from press.mcap --speed 1
     Replay(ReplayArgs),
+    /// Write what is whole of a damaged recording as a new one.
+    ///
+    /// Messages of every topic with their clocks, notes, attachments and metadata; says what is missing.
+    /// The damaged recording stays as it is.
+    Recover(RecoverArgs),
     /// Convert recordings: MCAP, CSV, NPY; from every format that is read.
     ///
     /// Example: eit convert press.mcap --out press.csv
@@ -185,6 +214,14 @@ pub(crate) enum Command {
     /// Example: `eit emulate my.toml --port ./skin --fault unplug_after_bytes=[100000]`, then
     /// `eit live my.toml --port ./skin`
     Emulate(EmulateArgs),
+    /// Print completions for a shell.
+    ///
+    /// Example: eit completions bash > ~/.local/share/bash-completion/completions/eit
+    Completions(CompletionsArgs),
+    /// Write the manual pages: eit.1 and one for each command.
+    ///
+    /// Example: eit man --out ~/.local/share/man/man1
+    Man(ManArgs),
 }
 
 /// `eit demo`

@@ -9,6 +9,9 @@ pub(crate) enum CliError {
     /// Wrong usage or bad input: exit code 2.
     #[error("{0}")]
     Input(String),
+    /// The instrument was silent: exit code 3.
+    #[error("{0}")]
+    Silent(String),
     /// Everything was right and it still failed: exit code 1.
     #[error("{0}")]
     Failure(String),
@@ -30,6 +33,7 @@ impl CliError {
         match self {
             Self::Input(_) => 2,
             Self::Failure(_) => 1,
+            Self::Silent(_) => crate::commands::SILENT,
         }
     }
 
@@ -38,12 +42,22 @@ impl CliError {
         match self {
             Self::Input(m) => Self::Input(format!("{place}: {m}")),
             Self::Failure(m) => Self::Failure(format!("{place}: {m}")),
+            Self::Silent(m) => Self::Silent(format!("{place}: {m}")),
         }
     }
 }
 
 impl From<ReportError> for CliError {
     fn from(error: ReportError) -> Self {
+        match error.is_input() {
+            true => Self::Input(error.to_string()),
+            false => Self::Failure(error.to_string()),
+        }
+    }
+}
+
+impl From<eit_publish::PublishError> for CliError {
+    fn from(error: eit_publish::PublishError) -> Self {
         match error.is_input() {
             true => Self::Input(error.to_string()),
             false => Self::Failure(error.to_string()),

@@ -15,6 +15,9 @@ mod progress;
 
 use clap::Parser as _;
 use cli::{Cli, Command};
+use commands::Ended;
+use eit_skin::words::{printable, printable_json};
+use error::CliError;
 use std::io::Write as _;
 use std::process::ExitCode;
 
@@ -23,38 +26,52 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => return usage(&error),
     };
-    let result = match &cli.command {
-        Command::Demo(args) => commands::demo::run(args),
-        Command::Plan(args) => commands::plan::run(args),
-        Command::Mesh(args) => commands::mesh::run(args),
-        Command::Forward(args) => commands::forward::run(args),
-        Command::Jacobian(args) => commands::jacobian::run(args),
-        Command::Calibrate(args) => commands::calibrate::run(args),
-        Command::Simulate(args) => commands::simulate::run(args),
-        Command::Reconstruct(args) => commands::reconstruct::run(args),
-        Command::Train(args) => commands::train::run(args),
-        Command::Denoise(args) => commands::denoise::run(args),
-        Command::Report(args) => commands::report::run(args),
-        Command::Devices(args) => commands::devices::run(args),
+    let result: Result<Ended, CliError> = match &cli.command {
+        Command::Demo(args) => commands::demo::run(args).map(Ended::from),
+        Command::Plan(args) => commands::plan::run(args).map(Ended::from),
+        Command::Mesh(args) => commands::mesh::run(args).map(Ended::from),
+        Command::Forward(args) => commands::forward::run(args).map(Ended::from),
+        Command::Jacobian(args) => commands::jacobian::run(args).map(Ended::from),
+        Command::Calibrate(args) => commands::calibrate::run(args).map(Ended::from),
+        Command::Learn(args) => commands::learn::run(args).map(Ended::from),
+        Command::Simulate(args) => commands::simulate::run(args).map(Ended::from),
+        Command::Reconstruct(args) => commands::reconstruct::run(args).map(Ended::from),
+        Command::Train(args) => commands::train::run(args).map(Ended::from),
+        Command::Denoise(args) => commands::denoise::run(args).map(Ended::from),
+        Command::Report(args) => commands::report::run(args).map(Ended::from),
+        Command::Devices(args) => commands::devices::run(args).map(Ended::from),
         Command::Check(args) => commands::check::run(args),
         Command::Record(args) => commands::record::run(args),
         Command::Live(args) => commands::live::run(args, cli.json),
-        Command::Replay(args) => commands::replay::run(args, cli.json),
-        Command::Convert(args) => commands::convert::run(args),
-        Command::Emulate(args) => commands::emulate::run(args, cli.json),
+        Command::Replay(args) => commands::replay::run(args, cli.json).map(Ended::from),
+        Command::Recover(args) => commands::recover::run(args).map(Ended::from),
+        Command::Convert(args) => commands::convert::run(args).map(Ended::from),
+        Command::Emulate(args) => commands::emulate::run(args, cli.json).map(Ended::from),
+        Command::Completions(args) => commands::shell::completions(args).map(Ended::from),
+        Command::Man(args) => commands::shell::man(args).map(Ended::from),
     };
     match result {
-        Ok(answer) if cli.json => say(&answer.json.to_string()),
-        Ok(answer) => say(&answer.text),
+        Ok(ended) if cli.json => {
+            said(say(&printable_json(&ended.answer.json.to_string())), ended.exit_code)
+        }
+        Ok(ended) => said(say(&printable(&ended.answer.text)), ended.exit_code),
         Err(error) => {
-            eprintln!("eit: {error}");
+            eprintln!("eit: {}", printable(&error.to_string()));
             ExitCode::from(error.exit_code())
         }
     }
 }
 
-/// Prints an answer; a reader who has gone away is no failure.
+/// The exit code of a command whose answer was printed.
+fn said(printed: ExitCode, exit_code: u8) -> ExitCode {
+    if printed == ExitCode::SUCCESS { ExitCode::from(exit_code) } else { printed }
+}
+
+/// Prints an answer, where one is left to be printed; a reader who has gone away is no failure.
 fn say(text: &str) -> ExitCode {
+    if text.is_empty() {
+        return ExitCode::SUCCESS;
+    }
     match writeln!(std::io::stdout().lock(), "{text}") {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             eprintln!("eit: cannot write the answer: {error}");
@@ -77,6 +94,7 @@ fn usage(error: &clap::Error) -> ExitCode {
     // up to the usage: what is wrong and the tips
     let lines = text.lines().take_while(|l| !l.starts_with("Usage:")).map(str::trim);
     let words: Vec<&str> = lines.filter(|l| !l.is_empty()).collect();
-    eprintln!("eit: {}; see --help", words.join(" ").trim_start_matches("error: "));
+    let words = words.join(" ");
+    eprintln!("eit: {}; see --help", printable(words.trim_start_matches("error: ")));
     ExitCode::from(2)
 }

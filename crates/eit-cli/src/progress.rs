@@ -1,5 +1,6 @@
 //! Progress on a terminal, nothing in a pipe.
 
+use eit_skin::words::printable;
 use eit_skin::{Observer, Progress};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::time::Duration;
@@ -46,7 +47,7 @@ impl Observer for Bars {
     }
 
     fn message(&mut self, text: &str) {
-        self.current.iter().for_each(|bar| bar.set_message(text.to_owned()));
+        self.current.iter().for_each(|bar| bar.set_message(printable(text).into_owned()));
     }
 
     fn end(&mut self) {
@@ -54,7 +55,7 @@ impl Observer for Bars {
     }
 
     fn note(&mut self, text: &str) {
-        self.all.suspend(|| eprintln!("eit: note: {text}"));
+        self.all.suspend(|| eprintln!("eit: note: {}", printable(text)));
     }
 
     fn beside(&self) -> Box<dyn Observer> {

@@ -121,7 +121,9 @@ fn devices_and_check_tell_who_it_is_and_how_it_is() {
     let file = folder.path().join("weak.npy");
     ndarray_npy::write_npy(&file, &weak).unwrap();
     let _emulated = emulate(&scene, &port, &["--frames", text(&file)]);
-    let said = succeed(&["check", text(&scene), "--frames", "40"]);
+    let output = eit(&["check", text(&scene), "--frames", "40"]);
+    assert_eq!(output.status.code(), Some(4));
+    let said = String::from_utf8(output.stdout).unwrap();
     assert!(said.starts_with("emulated skin 1: faulty"), "{said}");
     assert!(said.contains("electrode 3: reciprocity error"), "{said}");
     assert!(said.contains("fasten it"), "{said}");
@@ -147,8 +149,11 @@ fn check_names_a_shorted_and_a_stuck_electrode() {
         let file = folder.path().join("frames.npy");
         ndarray_npy::write_npy(&file, &frames).unwrap();
         let _emulated = emulate(&scene, &port, &["--frames", text(&file)]);
-        let answer = json(&succeed(&["check", text(&scene), "--frames", "50", "--json"]));
+        let output = eit(&["check", text(&scene), "--frames", "50", "--json"]);
+        let answer = json(&String::from_utf8(output.stdout).unwrap());
         let findings = answer["findings"].as_array().unwrap().clone();
+        let faulty = answer["verdict"] == "faulty";
+        assert_eq!(output.status.code(), Some(if faulty { 4 } else { 0 }), "{answer}");
         (answer["verdict"].as_str().unwrap().to_owned(), findings)
     };
     // sound
@@ -224,9 +229,11 @@ fn record_goes_on_over_an_unplugged_instrument() {
     let more = ["--fault", "unplug_after_bytes=[8000, 16000]", "--fault", "unplugged_s=0.1"];
     let _emulated = emulate(&scene, &port, &more);
     let out = folder.path().join("press.mcap");
-    let answer =
-        succeed(&["record", text(&scene), "--out", text(&out), "--frames", "120", "--json"]);
-    let answer = json(&answer);
+    let output = eit(&["record", text(&scene), "--out", text(&out), "--frames", "120", "--json"]);
+    assert!(output.status.success());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(said.matches("disconnected").count(), 2, "{said}");
+    let answer = json(&String::from_utf8(output.stdout).unwrap());
     assert_eq!((&answer["frames"], &answer["reconnections"]), (&120.into(), &2.into()), "{answer}");
     let capture = eit_hw::capture::read(&out).unwrap();
     let epochs: Vec<u32> = capture.frames().map(|frame| frame.epoch).collect();

@@ -161,6 +161,25 @@ fn the_scene_chooses() {
     let report = fixture.run(&scene, &reference).1;
     let delta = report["weights"]["delta"].as_f64().unwrap();
     assert!((delta * delta - 40.0).abs() < 1e-9, "40 measurements: {delta}");
+    // the weights that a report states give the same images where the scene states them: with the noise
+    // known, which the model's error raised, and unknown
+    for noise in [noise.as_str(), ""] {
+        let keys = "[reconstruction]\nmethod = \"st-tv\"\npixels = 24\ntarget_gap = 1e-4\n";
+        let scene = fixture.scene(&format!("{keys}{noise}"));
+        let (images, report) = fixture.run(&scene, &reference);
+        let weight = |name: &str| report["weights"][name].as_f64().unwrap();
+        let stated = format!(
+            "lambda_space = {:e}\nlambda_time = {:e}\n",
+            weight("lambda_space"),
+            weight("lambda_time")
+        );
+        let again = fixture.run(&fixture.scene(&format!("{keys}{stated}{noise}")), &reference).0;
+        let pairs = || images.iter().zip(&again).filter(|(a, _)| a.is_finite());
+        let apart = pairs().map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        let size = pairs().map(|(a, _)| a * a).sum::<f64>().sqrt();
+        // both within 1e-4 of one optimum, which settles the images to a few parts in a hundred
+        assert!(apart <= 0.05 * size, "{apart:e} of {size:e}: {report}");
+    }
     let scene = fixture.scene("[reconstruction]\npixels = 24\nlambda_space = 1.0\n");
     let report = fixture.run(&scene, &reference).1;
     assert_eq!(report["weights"]["lambda_space"], 1.0);
@@ -325,7 +344,7 @@ fn touches_are_written_where_the_noise_is_known() {
         assert_eq!(
             rows[0].join(","),
             "frame,time_s,id,state,x_m,y_m,z_m,intensity,intensity_std,confidence,std_x,std_y,vx,vy,\
-             valid,whole"
+             valid,whole,force_n,force_std_n,unlike"
         );
         assert!(rows.iter().all(|row| row.len() == rows[0].len()));
         // so strong a touch is believed at once

@@ -11,11 +11,16 @@ mod entry;
 mod json;
 mod read;
 mod record;
+mod records;
+mod recover;
 mod stream;
+mod unpack;
 mod write;
 
 pub use entry::Entry;
+pub(crate) use read::read_frames;
 pub use read::{Capture, parse, read};
 pub use record::{ReferenceRecord, SessionRecord, TouchRecord, TouchesRecord, UnitName};
+pub use recover::{Recovered, recover};
 pub use stream::{CaptureReader, Damage};
-pub use write::{CaptureSettings, CaptureWriter};
+pub use write::{CaptureSettings, CaptureWriter, CutTail};

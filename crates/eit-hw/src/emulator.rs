@@ -3,12 +3,14 @@
 //! An [`Emulator`] runs a [`Device`] behind a TCP port or, with the feature `serial` on Unix, behind
 //! a pseudo-terminal, which a program opens like any serial port. It answers commands, keeps its
 //! set-up, sends frames at the frame rate with values of the caller, and damages what it sends
-//! after a [`FaultPlan`]. A pseudo-terminal is not as slow as a serial line: only frames are paced.
+//! after a [`FaultPlan`]. With
+//! [`FaultPlan::line_baud`] both directions are as slow as a serial line of that rate.
 
 mod boards;
 mod device;
 mod eits1;
 mod fault;
+mod line;
 mod port;
 mod sciospec;
 
@@ -25,12 +27,16 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use self::fault::Faults;
+use self::line::Line;
 use self::port::Host;
 use crate::error::HwError;
 use crate::transport::Endpoint;
 
 /// Bytes that wait for a host that does not read; more are lost, as on a line without flow control.
 const MOST_PENDING: usize = 1 << 20;
+
+/// Bytes that a device on a slow line has ready to go.
+const TRANSMIT_BUFFER: usize = 1024;
 
 /// What an emulator has done.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -154,6 +160,9 @@ fn run(
     let mut pending: Vec<u8> = Vec::new();
     let (mut out, mut buffer) = (Vec::new(), [0; 4096]);
     let mut silent_until = Duration::ZERO;
+    let (mut to_device, mut to_host) =
+        (Line::new(faults.line_baud()), Line::new(faults.line_baud()));
+    let mut arrived = Vec::new();
     while !quit.load(Ordering::Relaxed) {
         out.clear();
         let received = host.read(&mut buffer);
@@ -164,24 +173,34 @@ fn run(
         if wrong_rate {
             faults.garble(&mut buffer[..received]);
         }
-        if received > 0 {
-            device.receive(&buffer[..received], now, &mut out);
+        to_device.push(&buffer[..received], now);
+        arrived.clear();
+        to_device.arrived(now, &mut arrived);
+        if !arrived.is_empty() {
+            device.receive(&arrived, now, &mut out);
         }
-        device.poll(now, &mut out);
-        if wrong_rate {
-            faults.garble(&mut out);
+        // a device waits while its line is busy
+        if faults.line_baud().is_none() || to_host.waiting() < TRANSMIT_BUFFER {
+            device.poll(now, &mut out);
         }
         let effect = faults.damage(&mut out);
         counters.faults.fetch_add(effect.faults, Ordering::Relaxed);
         // while nobody listens, what is sent is gone
-        if host.is_open() && pending.len() < MOST_PENDING {
-            pending.append(&mut out);
+        if host.is_open() && pending.len() + to_host.waiting() < MOST_PENDING {
+            to_host.push(&out, now);
+        }
+        let before = pending.len();
+        to_host.arrived(now, &mut pending);
+        if wrong_rate {
+            faults.garble(&mut pending[before..]);
         }
         if let Some(pause) = effect.pause {
             silent_until = now + pause;
         }
         if effect.unplug {
             pending.clear();
+            to_device.clear();
+            to_host.clear();
             host.unplug();
             device.power_cycle();
             sleep(faults.unplugged(), quit);
@@ -194,6 +213,7 @@ fn run(
         }
         if !host.is_open() {
             pending.clear();
+            to_host.clear();
         }
     }
 }

@@ -75,6 +75,12 @@ pub enum HwError {
         /// What the system says.
         source: std::io::Error,
     },
+    /// A device, a pipe or a socket where a file is wanted.
+    #[error("{place}: is no regular file, but a device or a pipe; name a file")]
+    NotAFile {
+        /// What was named.
+        place: Place,
+    },
     /// A folder where the format is one file.
     #[error("{place}: is a folder, but a {format} recording is one file; name the file")]
     Folder {
@@ -409,7 +415,7 @@ pub enum HwError {
     },
     /// No answer to a command.
     #[error(
-        "{endpoint}: no {wanted} within {waited_s} s; check that the driver is `{driver}`, and the \
+        "{endpoint}: no {wanted} within {waited_s:.1} s; check that the driver is `{driver}`, and the \
          baud rate and power"
     )]
     NoReply {
@@ -421,6 +427,39 @@ pub enum HwError {
         wanted: &'static str,
         /// For how long.
         waited_s: f64,
+    },
+    /// No answer of an instrument that has said who it is.
+    #[error(
+        "{endpoint}: the instrument said who it is, but did not answer the command to {command} ({bytes} \
+         bytes) within {waited_s:.1} s; the line loses bytes or is slow: use a shorter cable, or check \
+         how long a command its buffer holds"
+    )]
+    Unanswered {
+        /// The port or address.
+        endpoint: String,
+        /// What it was told to do.
+        command: &'static str,
+        /// Length of the command.
+        bytes: usize,
+        /// How long was waited.
+        waited_s: f64,
+    },
+    /// Lines came, but of another number of values than the board's.
+    #[error(
+        "{endpoint}: whole lines of {found} numbers came, but the scene's protocol has {wanted} \
+         measurements on the electrodes of this scene, {wanted_numbers} numbers a line; {hint}"
+    )]
+    LineCount {
+        /// The port or address.
+        endpoint: String,
+        /// Numbers of a whole line.
+        found: usize,
+        /// Measurements wanted.
+        wanted: usize,
+        /// Numbers of a line that were wanted.
+        wanted_numbers: usize,
+        /// What the counts suggest.
+        hint: CountHint,
     },
     /// Bytes came, but not those of the driver's protocol.
     #[error("{endpoint}: {bytes} bytes came, but no {wanted}: they are {what}; {mend}")]
@@ -489,6 +528,27 @@ pub enum HwError {
         place: Place,
         /// What the system says.
         source: std::io::Error,
+    },
+    /// A recording that another program is writing.
+    #[error(
+        "{place}: is being recorded to by another program; end that one, or record to another file"
+    )]
+    Busy {
+        /// The file.
+        place: Place,
+    },
+    /// More values than can be held in memory for a file of this size.
+    #[error(
+        "{place}: unpacks to more than {most_mb} MB of frames from {file_mb:.1} MB, which looks like a \
+         file made to fill the memory; convert it to CSV, which takes little memory, or play it"
+    )]
+    TooLarge {
+        /// The file.
+        place: Place,
+        /// What would be held.
+        most_mb: u64,
+        /// The file's size.
+        file_mb: f64,
     },
     /// A container of records that is none, or lacks what it needs.
     #[error("{place}: {what}; {mend}")]

@@ -6,7 +6,7 @@ mod correlation;
 mod live;
 mod order;
 
-pub use check::{ElectrodeHealth, HealthReport, StreamFacts, check_health};
+pub use check::{ElectrodeHealth, HealthReport, Resolution, StreamFacts, check_health};
 pub use check::{Finding, Severity, Trouble, Verdict};
 pub use correlation::model_correlation;
 pub use live::{ReferenceFrames, measure_reference_frames};

@@ -10,23 +10,26 @@ mod frame;
 mod health;
 mod readers;
 mod recording;
+mod regular;
 mod transport;
 
 pub use error::{At, HwError, Place};
 pub use frame::{Frame, Quadruple, Quality};
 pub use health::{
-    ElectrodeHealth, Finding, HealthReport, Severity, StreamFacts, Trouble, Verdict, check_health,
+    ElectrodeHealth, Finding, HealthReport, Resolution, Severity, StreamFacts, Trouble, Verdict,
+    check_health,
 };
 pub use health::{
     OrderCandidate, OrderVerdict, ReferenceFrames, measure_reference_frames, model_correlation,
     reciprocity_error, recognise_order,
 };
 pub use readers::{ReadOptions, read_recording};
-pub use readers::{csv, goe, khu, lct, npy, sciospec, serial_log};
+pub use readers::{black_sensor, csv, goe, khu, lct, npy, sciospec, serial_log};
 pub use recording::{
     Component, CountHint, Format, FrameMap, FrameOrientation, Layout, MeasuredFrames, Note,
     Projection, Recording, SkipReason, Skipped, SkippedFrame, Unit,
 };
+pub use regular::regular_file;
 pub use transport::{Endpoint, Link};
 #[cfg(feature = "serial")]
 pub use transport::{PortDescription, UsbDescription, serial_ports};

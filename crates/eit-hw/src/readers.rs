@@ -3,6 +3,7 @@
 //! Each reader is a pure `parse` from bytes and a `read` that opens the file. The path given to
 //! `parse` is only for messages.
 
+pub mod black_sensor;
 pub mod csv;
 pub mod goe;
 pub mod khu;
@@ -21,6 +22,9 @@ use std::path::Path;
 use self::files::file_bytes;
 use crate::error::{HwError, Place};
 use crate::recording::{Format, FrameOrientation, Recording};
+
+/// First bytes of an MCAP file.
+pub(crate) const MCAP_MAGIC: &[u8] = b"\x89MCAP0\r\n";
 
 /// Options of every reader; each reader looks at its own.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -74,7 +78,8 @@ impl ReadOptions {
 /// Reads a recording, in the format given or, without one, in the format recognised.
 ///
 /// A folder with `.eit` files is Sciospec, one with KHU's `ProjectionTableSendLog.txt` KHU. Of a
-/// file, in this order: the first bytes `\x93NUMPY` are NPY, `\x89MCAP` MCAP; the first line `#MEAS` is LCT; the
+/// file, in this order: the first bytes `\x93NUMPY` are NPY, `\x89MCAP` MCAP; the first line `#MEAS` is LCT;
+/// a line `time_pc [s],` at the start is a log of the board `black_sensor`; the
 /// endings `.eit`, `.get`, `.npy` and `.csv` are what they say; other text is a serial log if it
 /// has a line `s`, `ref:` or `data:`, else CSV. Text that may be either (lines of as many numbers
 /// as a serial log has, without any `s`) and all else is an error that names the key
@@ -103,6 +108,12 @@ pub fn read_recording(
     if format == Some(Format::Khu) {
         return khu::read(path);
     }
+    // message by message: the file is not held beside its frames
+    #[cfg(feature = "mcap")]
+    if format.is_none_or(|format| format == Format::Mcap) && files::begins_with(path, MCAP_MAGIC)? {
+        options.check(Format::Mcap, path)?;
+        return crate::capture::read_frames(path);
+    }
     let bytes = file_bytes(path, format.map_or("single-file", Format::name))?;
     let format = match format {
         Some(format) => format,
@@ -116,6 +127,7 @@ pub fn read_recording(
         Format::Goe => goe::parse(&bytes, path),
         Format::Lct => lct::parse(&bytes, path),
         Format::Khu => Err(HwError::NotAFolder { place: Place::file(path), format: "khu" }),
+        Format::BlackSensor => black_sensor::parse(&bytes, path),
         Format::SerialLog => serial_log::parse(&bytes, path, &options.serial_log),
         #[cfg(feature = "mcap")]
         Format::Mcap => crate::capture::parse(&bytes, path)?.recording(path),

@@ -213,7 +213,7 @@ fn a_damaged_chunk_is_left_out_and_told() {
         }
         if at < *ends.last().unwrap() && capture.entries.len() < wanted.len() {
             let damage = capture.damage;
-            assert!(damage.unfinished || damage.bad_chunks + damage.bad_messages > 0, "byte {at}");
+            assert!(damage.unfinished || damage.is_any(), "byte {at}");
             told += 1;
         }
     }
@@ -304,13 +304,7 @@ fn a_second_run_is_another_epoch() {
         let refused = CaptureWriter::append(&path, other, settings()).err().unwrap().to_string();
         assert!(refused.contains(what), "{refused}");
     }
-    // a length in the middle that cannot be: everything behind it would go
-    let mut long = before.clone();
-    long.extend(vec![0xff; 17 << 20]);
-    std::fs::write(&path, &long).unwrap();
-    let refused = CaptureWriter::append(&path, &session(), settings()).err().unwrap().to_string();
-    assert!(refused.contains("would be lost"), "{refused}");
-    assert_eq!(std::fs::metadata(&path).unwrap().len(), long.len() as u64);
+    assert_eq!(std::fs::read(&path).unwrap(), before);
 }
 
 #[test]

@@ -12,6 +12,8 @@
 mod load;
 #[path = "../examples/read_recording.rs"]
 mod read_recording;
+#[path = "../examples/soak.rs"]
+mod soak;
 #[path = "../examples/stream.rs"]
 mod stream;
 
@@ -38,6 +40,16 @@ fn load_loses_nothing_and_every_value_is_right() {
     // an hour of frames at 25 a second, as fast as they can be taken
     assert_eq!(load::day_through_driver(90_000).0, 90_000);
     assert_eq!(load::day_through_replay(90_000).0, 90_000);
+}
+
+/// The soak in small: bytes dropped, flipped and inserted, pauses, three times unplugged.
+#[test]
+fn soak_records_what_comes_and_no_wrong_value() {
+    let report = soak::run(8.0, 200.0);
+    let statistics = report.statistics;
+    assert!(report.recorded > 200 && report.faults > 3, "{report:?}");
+    assert_eq!((report.recorded, report.wrong), (statistics.frames, 0), "{report:?}");
+    assert!(statistics.reconnections >= 1 && report.epochs >= 2, "{report:?}");
 }
 
 #[test]

@@ -275,16 +275,16 @@ fn a_slow_consumer_gets_the_latest_or_an_error() {
 }
 
 #[test]
-fn a_silent_instrument_is_told_as_stalled() {
+fn a_silent_instrument_is_told() {
     let listen = Listen::Tcp("127.0.0.1:0".into());
     let plan = FaultPlan { spared_bytes: 30_000, pause: 1.0, pause_s: 0.6, ..FaultPlan::default() };
     let emulator = Emulator::start(eits1_device("7"), &listen, plan).unwrap();
-    let settings = SessionSettings { stall_s: 0.3, ..quick() };
+    let settings = SessionSettings { silence_s: 0.3, ..quick() };
     let session = Session::open(eits1_driver(200.0), emulator.endpoint(), settings).unwrap();
     let start = Instant::now();
     loop {
         assert!(start.elapsed() < LIMIT);
-        if let Some(Event::Stalled { for_s }) = session.next_event(WAIT).unwrap() {
+        if let Some(Event::Silent { for_s }) = session.next_event(WAIT).unwrap() {
             assert!(for_s >= 0.3);
             break;
         }

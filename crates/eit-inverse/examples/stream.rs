@@ -1,24 +1,26 @@
-//! A finger that slides: each frame to an image as it comes, total variation in space and time over a
-//! window that moves, every image with a bound on its distance from the optimum.
+//! A finger that slides: each frame to an image as it comes, total variation in space and time, each
+//! image linked to the one before it and with a bound on its distance from the optimum.
 //!
 //! Run with `cargo run --release -p eit-inverse --example stream`.
 #![allow(missing_docs, reason = "an example is read, not linked against")]
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
 use eit_fem::{ForwardModel, PairProtocol};
-use eit_inverse::{DifferenceFrames, Gradient, StTv, StTvSettings, StTvStream, StreamSettings};
+use eit_inverse::{CausalSettings, CausalStream, DifferenceFrames, Gradient, StTv, StTvSettings};
 use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
 use ndarray::Array2;
 use std::error::Error;
 
 const SHEET_S: f64 = 1e-5;
 const FRAMES: usize = 24;
+/// Frames of the untouched skin after them.
+const UNTOUCHED: usize = 16;
 /// Noise of a voltage, volt; the smallest voltages of this skin are about 0.1 V.
 const NOISE_V: f64 = 1e-4;
 
 /// What the stream did.
 pub struct Outcome {
-    /// Distance of the touch from the finger, metres, of each image that came.
+    /// Distance of the touch from the finger, metres, of each frame with a finger.
     pub errors_m: Vec<f64>,
     /// Largest proven relative gap.
     pub worst_gap: f64,
@@ -77,8 +79,8 @@ fn centre_m(image: &[f64], raster: &Raster) -> [f64; 2] {
     sum.map(|s| s / count)
 }
 
-/// Streams the frames, then some of a skin that nothing touches.
-pub fn run() -> Result<Outcome, Box<dyn Error>> {
+/// The frames, the solver that they are for, and where its pixels are.
+pub fn set_up() -> Result<(Array2<f64>, StTv, Raster), Box<dyn Error>> {
     let differences = measure()?;
     let (mesh, model) = skin(0.008)?;
     let raster = Raster::new(mesh.surface(), 32)?;
@@ -91,12 +93,17 @@ pub fn run() -> Result<Outcome, Box<dyn Error>> {
     // weights from some frames of the same skin; about what 16 electrodes resolve
     let length_m = 0.2 / 32.0;
     solver.choose_weights(&DifferenceFrames::all_good(differences.view()), length_m)?;
+    Ok((differences, solver, raster))
+}
 
-    let settings = StreamSettings { window: 8, lag: 2, target_gap: 1e-2, ..Default::default() };
-    let mut stream = StTvStream::new(solver, settings)?;
+/// Streams the frames, then some of a skin that nothing touches.
+pub fn run() -> Result<Outcome, Box<dyn Error>> {
+    let (differences, solver, raster) = set_up()?;
+    let settings = CausalSettings { target_gap: 1e-2, ..Default::default() };
+    let mut stream = CausalStream::new(solver, settings)?;
     let mut outcome = Outcome { errors_m: Vec::new(), worst_gap: 0.0, quiet: 0 };
     let untouched = vec![0.0; differences.ncols()];
-    for frame in 0..FRAMES + 2 * settings.window {
+    for frame in 0..FRAMES + UNTOUCHED {
         let row = differences.rows().into_iter().nth(frame).map(|row| row.to_vec());
         let step = stream.push(row.as_ref().unwrap_or(&untouched), None)?;
         if step.quiet {
@@ -105,11 +112,13 @@ pub fn run() -> Result<Outcome, Box<dyn Error>> {
         }
         let gap = step.certificate.relative_gap();
         outcome.worst_gap = outcome.worst_gap.max(gap);
-        let Some(image) = step.image.filter(|_| frame < FRAMES) else { continue };
-        let ([x, y], finger) = (centre_m(image, &raster), finger_m(frame - settings.lag));
+        if frame >= FRAMES {
+            continue;
+        }
+        let ([x, y], finger) = (centre_m(step.image, &raster), finger_m(frame));
         outcome.errors_m.push((x - finger[0]).hypot(y - finger[1]));
         println!(
-            "frame {frame}: finger at {:.0}, {:.0} mm two frames ago, {} iterations, {:.1} ms, at \
+            "frame {frame}: finger at {:.0}, {:.0} mm, {} iterations, {:.1} ms, at \
              most {:.2} % above the optimum",
             1e3 * x,
             1e3 * y,
@@ -118,7 +127,7 @@ pub fn run() -> Result<Outcome, Box<dyn Error>> {
             100.0 * gap
         );
     }
-    println!("{} of {} frames without a touch cost nothing", outcome.quiet, 2 * settings.window);
+    println!("{} of {UNTOUCHED} frames without a touch cost nothing", outcome.quiet);
     Ok(outcome)
 }
 

@@ -264,4 +264,32 @@ pub enum InverseError {
         /// Largest distance, metres.
         limit_m: f64,
     },
+    /// Too few presses to learn from.
+    #[error("{found} presses, but at least {needed} are needed to learn from")]
+    TooFewPresses {
+        /// Presses given.
+        found: usize,
+        /// Presses needed.
+        needed: usize,
+    },
+    /// A press that changed nothing.
+    #[error("press {press}: its frame is zero, as if nothing had touched the skin")]
+    EmptyPress {
+        /// Press index.
+        press: usize,
+    },
+    /// A press whose place is not finite.
+    #[error("press {press} is at {place_m:?} m: places must be finite")]
+    NonFinitePlace {
+        /// Press index.
+        press: usize,
+        /// Its place, metres.
+        place_m: [f64; 3],
+    },
+    /// Presses that tell nothing of places.
+    #[error("all {presses} presses are alike: press at different places")]
+    PressesAtOnePlace {
+        /// Presses given.
+        presses: usize,
+    },
 }

@@ -1,12 +1,14 @@
 #![doc = include_str!("../README.md")]
 
 // Modules import one way: error, check, geometry; then data, noise, prior; then one_step, sequence and
-// st_tv. touch stands on metrics, noise and one_step; calibration on data. No two files import each other.
+// st_tv. touch stands on metrics, noise and one_step; calibration on data; learn on touch. No two files import each other.
 mod calibration;
 mod check;
 mod data;
 mod error;
 mod geometry;
+#[cfg(feature = "learn")]
+pub mod learn;
 pub mod metrics;
 mod noise;
 mod one_step;

@@ -7,19 +7,22 @@
 //! | `causal` | [`CausalStream`]: each frame anchored to the image before |
 //! | `weights`, `quiet` | weights from the noise, frames that hold nothing else |
 //! | `settings`, `gradient` | what a caller states |
-//! | `task`, `problem`, `run` | one sequence in inner units; what of it is solved; the two runs that find image and proof |
+//! | `task`, `problem`, `run` | one sequence in inner units; what of it is solved; the run from the first iterate to the proof |
 //! | `state`, `engine`, `sweep`, `fit`, `step` | the iterate; one iteration; its passes; the exact data step; step sizes |
-//! | `certificate`, `passes` | primal value and lower bound of any iterate |
+//! | `certificate`, `flow`, `passes` | primal value and lower bound of any iterate; duals brought nearer to feasible |
 //! | `data`, `operators`, `laplacian` | what is computed once: compressed data, packed operators, a sparse factor |
-//! | `kernel`, `float` | inner loops along the frames, in `f32` or `f64` |
+//! | `kernel`, `dense`, `ball`, `float` | inner loops along the frames, small matrices, the map of a ball, `f32` or `f64` |
 
+mod ball;
 mod batch;
 mod causal;
 mod certificate;
 mod data;
+mod dense;
 mod engine;
 mod fit;
 mod float;
+mod flow;
 mod gradient;
 mod kernel;
 mod laplacian;

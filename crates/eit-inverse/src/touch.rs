@@ -43,7 +43,11 @@ mod track;
 pub use bell::Bell;
 pub use bound::{BellBound, Nuisance, cramer_rao};
 pub use contact::{Touch, TouchState};
-pub use detector::{DetectedTouch, DetectorModel, DetectorSettings, DetectorStep, TouchDetector};
+pub use detector::{
+    DetectedTouch, DetectorModel, DetectorSettings, DetectorStep, LearntTouch, TouchDetector,
+};
+#[cfg(feature = "learn")]
+pub(crate) use detector::{Places, bell_at};
 pub use fit::{FitResult, FitSettings, FitStatus, FittedTouch, TouchFit};
 pub use noise::{FalseAlarms, NoiseFloor};
 pub use points::{TouchTracker, TrackerSettings};

@@ -27,6 +27,7 @@ fn touch(x_m: f64, y_m: f64, strength_s_m2: f64) -> DetectedTouch {
         strength_std_s_m2: 0.01 * STRONG,
         peak_s: strength_s_m2 / 1.5e-4,
         worth: 5.0,
+        learnt: None,
     }
 }
 

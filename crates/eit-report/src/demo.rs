@@ -207,14 +207,18 @@ fn replay_command(folder: &Path, experiment: &Experiment) -> String {
 
 fn numbers(shown: &Shown) -> Value {
     let summary = &shown.seen.summary;
-    let [median, high, worst] = [0.5, 0.95, 1.0].map(|share| summary.latency_s(share));
+    let latency = |of: &dyn Fn(f64) -> Option<f64>| {
+        let [median, p95, worst] = [0.5, 0.95, 1.0].map(of);
+        json!({ "median": median, "p95": p95, "worst": worst })
+    };
     json!({
         "name": shown.experiment.name,
         "frames": summary.frames,
         "line": shown.seen.line,
         "images": summary.images_json(),
         "touches": summary.touches,
-        "latency_s": { "median": median, "p95": high, "worst": worst },
+        "latency_s": latency(&|share| summary.latency_s(share)),
+        "image_latency_s": latency(&|share| summary.image_latency_s(share)),
         "judged": shown.judged.json(),
         "simulation_s": shown.truth.report.time_s,
         "live_s": summary.span_s,
@@ -226,10 +230,13 @@ fn text(shown: &[Shown], folder: &DemoFolder, seconds: f64) -> String {
     let mut lines = Vec::new();
     for Shown { experiment, seen, judged, .. } in shown {
         let [.., quotient] = judged.errors_of_touched();
-        let latency_ms = 1e3 * seen.summary.latency_s(0.5).unwrap_or(f64::NAN);
+        let ms = |latency_s: Option<f64>| 1e3 * latency_s.unwrap_or(f64::NAN);
+        let latency_ms = ms(seen.summary.latency_s(0.5));
+        let image_ms = ms(seen.summary.image_latency_s(0.5));
         lines.push(format!(
             "{}: {} images, {} touches where no finger is ({} of them with none on the skin); fingers \
-             found in {} of {} cases, {:.1} mm off; {latency_ms:.0} ms from a frame to its touches; the \
+             found in {} of {} cases, {:.1} mm off; {latency_ms:.1} ms from a frame to its touches, \
+             {image_ms:.0} ms to its image; the \
              U-net leaves {quotient:.2} of the squared error of images",
             experiment.name,
             seen.summary.frames,

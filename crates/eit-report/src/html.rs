@@ -76,7 +76,8 @@ pub enum Block {
 impl Page {
     /// Writes the page.
     pub fn write(&self, out: &mut dyn Write) -> Result<(), ReportError> {
-        out.write_all(self.markup().into_string().as_bytes()).map_err(io)
+        let page = self.markup().into_string();
+        out.write_all(eit_skin::words::printable(&page).as_bytes()).map_err(io)
     }
 
     fn markup(&self) -> Markup {

@@ -180,9 +180,10 @@ pub fn ending(path: &Path) -> String {
 
 /// Images of a file, [frame, row, column].
 pub fn read_images(path: &Path) -> Result<ndarray::Array3<f64>, ReportError> {
-    use ndarray_npy::ReadNpyExt as _;
-    let refused =
-        |e: &dyn std::fmt::Display| ReportError::input(format!("{}: {e}", path.display()));
-    let file = std::fs::File::open(path).map_err(|e| refused(&e))?;
-    ndarray::Array3::<f64>::read_npy(std::io::BufReader::new(file)).map_err(|e| refused(&e))
+    let array = eit_hw::npy::read_array(path)?;
+    let shape = array.shape().to_vec();
+    array.into_dimensionality().map_err(|_| {
+        let place = path.display();
+        ReportError::input(format!("{place}: has the shape {shape:?}; [frame, row, column] wanted"))
+    })
 }

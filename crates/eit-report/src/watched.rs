@@ -87,7 +87,7 @@ pub fn record_of(shown: &LiveFrame<'_>) -> TouchesRecord {
                 id: touch.id,
                 position_m: touch.position_m,
                 radius_m: touch.area_m2.map(|area_m2| (area_m2 / std::f64::consts::PI).sqrt()),
-                force_n: None,
+                force_n: touch.force_n(),
             })
             .collect(),
     }
@@ -97,11 +97,13 @@ pub fn record_of(shown: &LiveFrame<'_>) -> TouchesRecord {
 pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&str]) -> Answer {
     let rate_hz =
         (summary.span_s > 0.0).then(|| summary.frames.saturating_sub(1) as f64 / summary.span_s);
-    let [median, high, worst] = [0.5, 0.95, 1.0].map(|share| summary.latency_s(share));
+    let touches_s = [0.5, 0.95, 1.0].map(|share| summary.latency_s(share));
+    let images_s = [0.5, 0.95, 1.0].map(|share| summary.image_latency_s(share));
     let mut text = format!(
-        "{name}: {} frames with images{}, {} touches, at most {} at once; {} frames lost, {} \
+        "{name}: {} frames{}{}, {} touches, at most {} at once; {} frames lost, {} \
          skipped, {} references taken",
         summary.frames,
+        if summary.images.is_empty() { "" } else { " with images" },
         rate_hz.map_or(String::new(), |rate| format!(" at {rate:.1} a second")),
         summary.touches,
         summary.most_at_once,
@@ -109,19 +111,20 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
         statistics.dropped,
         summary.references
     );
-    if let (Some(median), Some(high), Some(worst)) = (median, high, worst) {
-        text += &format!(
-            "\nfrom the last byte of a frame to its touches: {:.1} ms in the median, {:.1} ms in 95 \
-             %, {:.1} ms at worst",
-            1e3 * median,
-            1e3 * high,
-            1e3 * worst
-        );
+    for (what, latency_s) in [("touches", touches_s), ("image", images_s)] {
+        if let [Some(median), Some(high), Some(worst)] = latency_s.map(|s| s.map(|s| 1e3 * s)) {
+            text += &format!(
+                "\nfrom the last byte of a frame to its {what}: {median:.1} ms in the median, \
+                 {high:.1} ms in 95 %, {worst:.1} ms at worst",
+            );
+        }
     }
     for fault in &summary.faults {
         text += &format!("\n{}", fault.words());
     }
-    text += &format!("\nimages: {}", summary.images_words());
+    if !summary.images.is_empty() {
+        text += &format!("\nimages: {}", summary.images_words());
+    }
     for notice in summary.notices.iter().take(20) {
         text += &format!("\nit said: {notice}");
     }
@@ -135,7 +138,8 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
         "dropped": statistics.dropped,
         "reconnections": statistics.reconnections,
         "references": summary.references,
-        "latency_s": { "median": median, "p95": high, "worst": worst },
+        "latency_s": latency_json(touches_s),
+        "image_latency_s": latency_json(images_s),
         "images": summary.images_json(),
         "faulty_electrodes": summary.faults_json(),
         "notices": summary.notices,
@@ -143,4 +147,8 @@ pub fn answer(name: &str, summary: &Summary, statistics: &Statistics, files: &[&
         "files": files,
     });
     Answer { text, json }
+}
+
+fn latency_json([median, p95, worst]: [Option<f64>; 3]) -> serde_json::Value {
+    json!({ "median": median, "p95": p95, "worst": worst })
 }

@@ -70,8 +70,7 @@ impl Net {
         let weights = match name.as_str() {
             "default" => Weights::paper_disc(),
             file => {
-                let bytes =
-                    std::fs::read(file).map_err(|e| SkinError::input(format!("{file}: {e}")))?;
+                let bytes = crate::scene::read_file(std::path::Path::new(file))?;
                 Weights::from_bytes(&bytes)
             }
         };

@@ -15,6 +15,11 @@ pub mod faults;
 mod fitted;
 pub mod frames;
 pub mod health;
+#[cfg(feature = "learn")]
+pub mod learn;
+#[cfg(not(feature = "learn"))]
+#[path = "learn_absent.rs"]
+mod learn;
 mod linearised;
 pub mod live;
 pub mod method;
@@ -32,12 +37,12 @@ mod stop;
 mod synthetic_touch;
 pub mod total_variation;
 pub mod touches;
-#[cfg(feature = "learn")]
+#[cfg(feature = "train")]
 pub mod train;
 pub mod words;
 
 // what a robot's program names, so that it needs no further dependency
-pub use eit_inverse::touch::{Touch, TouchState};
+pub use eit_inverse::touch::{LearntTouch, Touch, TouchState};
 pub use {eit_denoise, eit_fem, eit_hw, eit_inverse, eit_mesh, ndarray};
 
 pub use error::SkinError;

@@ -78,12 +78,26 @@ pub trait LiveObserver {
         Ok(())
     }
 
-    /// An image and its touches.
+    /// A frame's touches, before its image is made: who acts on touches need not wait for it.
+    ///
+    /// # Errors
+    ///
+    /// One ends the loop.
+    fn touches(&mut self, _frame: &LiveFrame<'_>) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    /// A frame's touches, and its image where images are made.
     ///
     /// # Errors
     ///
     /// One ends the loop.
     fn frame(&mut self, frame: &LiveFrame<'_>) -> Result<(), Self::Error>;
+
+    /// Whether anybody looks at images: touches do without, and come sooner where none is made.
+    fn wants_images(&self) -> bool {
+        true
+    }
 
     /// Whether to go on; called at least every 50 ms.
     fn goes_on(&mut self, summary: &Summary) -> bool;
@@ -149,6 +163,9 @@ impl LiveModel {
     ) -> Result<Summary, O::Error> {
         let mut summary = Summary::default();
         let mut stream = LiveStream::new(Arc::clone(self), source.setup());
+        if !observer.wants_images() {
+            stream = stream.without_images();
+        }
         let mut first_frame = None;
         while observer.goes_on(&summary) && !source.is_over() {
             let Some(event) = source.next_event(WAIT).map_err(SkinError::from)? else {
@@ -164,7 +181,7 @@ impl LiveModel {
                 summary.say(words);
             }
             let Event::Frame(frame) = event else { continue };
-            match stream.push(&frame, is_live)? {
+            match stream.push_touches(&frame, is_live)? {
                 Pushed::Waiting { left } => {
                     observer.waiting(left)?;
                     if left == 0 {
@@ -173,10 +190,12 @@ impl LiveModel {
                     }
                 }
                 Pushed::Shown(shown) => {
-                    let state = shown.images.map(LiveImages::state).unwrap_or_default();
-                    summary.take(shown.touches, state, shown.latency_s);
-                    summary.take_faults(shown.faults);
-                    observer.frame(&shown)?;
+                    observer.touches(&shown)?;
+                    stream.make_image(&frame)?;
+                    if let Some(shown) = stream.shown(&frame) {
+                        summary.take_frame(&shown);
+                        observer.frame(&shown)?;
+                    }
                     let first = *first_frame.get_or_insert_with(Instant::now);
                     summary.span_s = first.elapsed().as_secs_f64();
                 }

@@ -63,6 +63,16 @@ impl DataNoise {
         Self { model_error: factor, ..self.times(factor) }
     }
 
+    /// Factor between this noise and the unit that numbers of the scene are in: the noise that is
+    /// known, or 1 in the unit of the differences where none is.
+    pub fn per_known(&self) -> f64 {
+        match self.model_error.is_finite() {
+            true => self.model_error,
+            // equal in all measurements
+            false => self.std.first().copied().unwrap_or(1.0),
+        }
+    }
+
     /// As large in all measurements that are used, with the same root mean square.
     pub fn alike(mut self, used: &[bool]) -> Self {
         let of_used = || self.std.iter().zip(used).filter(|(_, used)| **used).map(|(std, _)| std);

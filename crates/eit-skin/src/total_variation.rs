@@ -3,7 +3,7 @@
 mod part;
 mod stream;
 
-pub use stream::{TvStream, WINDOW};
+pub use stream::{TvStep, TvStream};
 
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
@@ -79,9 +79,10 @@ pub fn stop(keys: &ReconstructionSettings) -> Stop {
 /// The weights in use and how they came about.
 #[derive(Debug, Clone)]
 pub struct Weights {
-    /// Weight of edges in space.
+    /// Weight of edges in space, as the scene would state it: without the model's error, which chosen
+    /// weights count as noise.
     pub lambda_space: f64,
-    /// Weight of changes in time.
+    /// Weight of changes in time, likewise.
     pub lambda_time: f64,
     /// Radius of the constrained form, in units of the noise where that is known.
     pub delta: Option<f64>,
@@ -89,6 +90,20 @@ pub struct Weights {
     pub rule: String,
     /// The search, where there was one.
     pub chosen: Option<ChosenWeights>,
+}
+
+impl Weights {
+    /// States the weights, and the search for them, for data in another unit of noise: `factor` times
+    /// the weights for data in the old one.
+    fn rescale(&mut self, factor: f64) {
+        let in_search = self.chosen.iter_mut().flat_map(|chosen| {
+            let curve = chosen.curve.iter_mut().map(|point| &mut point.lambda_space);
+            let found = [&mut chosen.lambda_space, &mut chosen.lambda_time];
+            curve.chain(found).chain(&mut chosen.corner)
+        });
+        let own = [&mut self.lambda_space, &mut self.lambda_time];
+        in_search.chain(own).for_each(|weight| *weight *= factor);
+    }
 }
 
 /// A sequence reconstructed by total variation.
@@ -197,11 +212,15 @@ fn reconstruct(
     let differences = DifferenceFrames { values: part.values.view(), good: Some(part.good.view()) };
     let length_m = time_length_m(raster);
     let of_recording = |error| part.of_recording(error);
-    let weights = progress
+    let mut weights = progress
         .stage("weights", || weights(&mut solver, keys, &differences, length_m, movie.used))?;
     let found = progress
         .stage("total variation", || solver.solve(&differences, &stop(keys)))
         .map_err(of_recording)?;
+    if weights.chosen.is_some() {
+        let factor = movie.noise.as_ref().map_or(1.0, DataNoise::per_known);
+        weights.rescale(factor * factor);
+    }
     movie.weights = Some(weights);
     movie.take(found, &part.frames);
     Ok(movie)

@@ -18,7 +18,7 @@ use eit_inverse::touch::{Touch, TouchState};
 use ndarray::Array2;
 
 /// Frames a second where nobody says.
-const DEFAULT_RATE_HZ: f64 = 20.0;
+pub(crate) const DEFAULT_RATE_HZ: f64 = 20.0;
 
 /// A touch of a frame.
 #[derive(Debug, Clone, Copy)]

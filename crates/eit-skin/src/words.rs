@@ -1,18 +1,71 @@
-//! Events of an instrument in words.
+//! Events of an instrument in words, and words of others made harmless.
 
 use eit_hw::driver::Event;
+use std::borrow::Cow;
+
+/// Text as it may go to a terminal or a page: devices, recordings, scenes and file names may hold
+/// characters that move the cursor, change the title of the window or turn the direction of the text.
+/// Line ends and tabs stay.
+pub fn printable(text: &str) -> Cow<'_, str> {
+    if !text.contains(is_hostile) {
+        return Cow::Borrowed(text);
+    }
+    Cow::Owned(text.replace(is_hostile, "?"))
+}
+
+/// JSON as it may go to a terminal: what [`printable`] replaces is escaped, so that programs read what
+/// was meant.
+pub fn printable_json(json: &str) -> Cow<'_, str> {
+    if !json.contains(is_hostile) {
+        return Cow::Borrowed(json);
+    }
+    let mut escaped = String::with_capacity(json.len());
+    for character in json.chars() {
+        match is_hostile(character) {
+            // only text holds them, and all are of the basic plane
+            true => escaped += &format!("\\u{:04x}", u32::from(character)),
+            false => escaped.push(character),
+        }
+    }
+    Cow::Owned(escaped)
+}
+
+fn is_hostile(character: char) -> bool {
+    let turns = matches!(character, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    turns || character.is_control() && !matches!(character, '\n' | '\t')
+}
 
 /// An event in words; `None` for a frame.
 pub fn event_words(event: &Event) -> Option<String> {
     Some(match event {
         Event::Frame(_) => return None,
         Event::Gap { frames } => format!("{frames} frames were lost"),
-        Event::Notice(text) => text.clone(),
-        Event::Stalled { for_s } => format!("no frame has come for {for_s:.1} s"),
+        // one line, whatever it says
+        Event::Notice(text) => printable(text).replace('\n', "?"),
+        Event::Silent { for_s } => {
+            format!("no frame has come for {for_s:.1} s: check its power and cable")
+        }
         Event::Disconnected { reason } => format!("disconnected: {reason}"),
         Event::Reconnected { epoch } => {
             format!("connected again; epoch {epoch}: an old reference frame does not hold")
         }
         other => format!("{other:?}"),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_moves_a_cursor_is_not_printed() {
+        let hostile = "sk\u{1b}]0;OWNED\u{7}\u{1b}[31min\rFAKE \u{9b}2J \u{202e}x";
+        assert_eq!(printable(hostile), "sk?]0;OWNED??[31min?FAKE ?2J ?x");
+        assert_eq!(printable("1 \u{b5}V\n\tok"), "1 \u{b5}V\n\tok");
+        let json = serde_json::json!({ "name": hostile }).to_string();
+        let safe = printable_json(&json);
+        assert!(!safe.contains(is_hostile), "{safe:?}");
+        let read: serde_json::Value = serde_json::from_str(&safe).unwrap_or_default();
+        assert_eq!(read["name"], hostile);
+    }
 }

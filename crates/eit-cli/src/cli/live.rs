@@ -46,6 +46,31 @@ pub(crate) struct WatchArgs {
     /// raw.npy, the images before it.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Who else hears of touches.
+    #[command(flatten)]
+    pub publish: PublishArgs,
+}
+
+/// Touches for other programs.
+#[derive(Debug, Args)]
+pub(crate) struct PublishArgs {
+    /// Touches on stdout as JSON lines, one object a frame as soon as they are found, and nothing else:
+    /// text goes to stderr (docs/JSON_LINES.md). No image is made but for --picture, --out and --web.
+    #[arg(long)]
+    pub json_lines: bool,
+    /// Send the same lines there by UDP, a datagram each; more than once for more.
+    #[arg(long, value_name = "HOST:PORT")]
+    pub udp: Vec<String>,
+    /// Show the skin as a page for browsers, whose address is printed; any but one of this computer
+    /// asks for a token [default: 127.0.0.1:8484; port 0: any that is free].
+    #[arg(
+        long,
+        value_name = "HOST:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "127.0.0.1:8484"
+    )]
+    pub web: Option<String>,
 }
 
 /// `eit live`
@@ -112,6 +137,16 @@ pub(crate) struct ReplayArgs {
     /// One frame for each line on stdin: press Enter.
     #[arg(long)]
     pub step: bool,
+}
+
+/// `eit recover`
+#[derive(Debug, Args)]
+pub(crate) struct RecoverArgs {
+    /// The damaged recording; it is only read.
+    pub input: PathBuf,
+    /// The new recording: F.mcap.
+    #[arg(value_name = "OUT")]
+    pub out: PathBuf,
 }
 
 /// `eit convert`

@@ -1,18 +1,20 @@
 //! `eit check`: is the instrument fit for use, and what to try where it is not.
 
-use super::Answer;
+use super::{Answer, Ended, FAULTY};
 use crate::cli::CheckArgs;
 use crate::error::CliError;
 use crate::progress;
 use eit_hw::driver::{Overflow, Statistics};
-use eit_hw::{HealthReport, ReferenceFrames, Severity, Verdict, measure_reference_frames};
+use eit_hw::{
+    HealthReport, ReferenceFrames, Resolution, Severity, Verdict, measure_reference_frames,
+};
 use eit_skin::scene::Scene;
 use eit_skin::{connect, health};
 use serde_json::{Value, json};
 use std::time::Duration;
 
 /// Takes quiet frames and judges them.
-pub(crate) fn run(args: &CheckArgs) -> Result<Answer, CliError> {
+pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
     if !(args.seconds > 0.0 && args.seconds <= 3600.0) {
         let message = format!("--seconds {}: it must be above 0, to 3600", args.seconds);
         return Err(CliError::input(message));
@@ -29,17 +31,26 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Answer, CliError> {
     let statistics = session.statistics();
     session.stop();
     let found = quiet.frames.values.nrows();
+    let name = session.setup().identity.to_string();
+    if found == 0 {
+        return Err(CliError::Silent(format!(
+            "{name}: no frame came within {} s, {} bytes in all: check its power and cable, and that its \
+             scan runs",
+            args.seconds, statistics.bytes
+        )));
+    }
     let report = health::check(&quiet, &instrument).map_err(|error| {
         CliError::Failure(format!(
             "{found} frames came within {} s, {} bytes in all: {error}",
             args.seconds, statistics.bytes
         ))
     })?;
-    let name = session.setup().identity.to_string();
-    Ok(Answer {
+    let answer = Answer {
         text: text(&name, &report, &quiet, &statistics),
         json: to_json(&name, &report, &quiet, &statistics),
-    })
+    };
+    let exit_code = if report.verdict() == Verdict::Faulty { FAULTY } else { 0 };
+    Ok(Ended { answer, exit_code })
 }
 
 fn verdict(report: &HealthReport) -> &'static str {
@@ -79,6 +90,13 @@ fn text(
             number(report.reciprocity, 3),
         ),
     ];
+    if let Some(Resolution { step, steps_per_touch, still }) = &report.resolution {
+        lines.push(format!(
+            "resolution {step:.2e}: a touch of 1 % is {steps_per_touch:.1} steps; {still} of {} \
+             measurements never change",
+            report.noise_std.len()
+        ));
+    }
     let findings = report.findings.iter();
     lines.extend(findings.map(|finding| format!("{}: {finding}", severity(finding.severity))));
     if report.findings.is_empty() {
@@ -116,6 +134,11 @@ fn to_json(
         "damaged_bytes": statistics.damaged_bytes,
         "signal_to_noise_db": report.signal_to_noise_db,
         "reciprocity_error": report.reciprocity,
+        "resolution": report.resolution.map(|resolution| json!({
+            "step": resolution.step,
+            "steps_per_touch": resolution.steps_per_touch,
+            "still_measurements": resolution.still,
+        })),
         "findings": findings,
         "notices": quiet.notices,
     })

@@ -1,5 +1,8 @@
 //! `eit convert`: recordings to and from tables of numbers.
 
+mod streamed;
+
+use self::streamed::{Source, Streamed};
 use super::{Answer, check_ending};
 use crate::cli::ConvertArgs;
 use crate::error::CliError;
@@ -9,6 +12,8 @@ use eit_report::output::{OutFile, write_csv, write_npy};
 use eit_skin::scene::Scene;
 use ndarray::Array2;
 use serde_json::json;
+use std::io::Read as _;
+use std::path::Path;
 
 /// Frames as they are written.
 struct Table {
@@ -27,6 +32,9 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
         return Err(CliError::input(format!("{}: {message}", args.out.display())));
     }
     let scene = args.scene.as_deref().map(Scene::load).transpose()?;
+    if is_recording(&args.input)? {
+        return stream(args, &ending, scene.as_ref());
+    }
     let options = eit_hw::ReadOptions { complex: args.complex, ..Default::default() };
     let recording = eit_hw::read_recording(&args.input, None, &options)?;
     let table = table(&recording, scene.as_ref())?;
@@ -39,25 +47,30 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     if ending != "mcap" && flagged > 0 {
         notes.push(format!("{flagged} flagged values: a table has no flags"));
     }
-    if ending == "mcap" && recording.format == eit_hw::Format::Mcap {
-        notes.push(
-            "epochs, gaps, the host's clock, notes and scene of the recording are not carried over"
-                .into(),
-        );
-    }
     if skipped > 0 {
         notes.push(format!("{skipped} frames left out: a value is not finite"));
     }
     let complex = table.imaginary.is_some();
     if complex && ending != "mcap" {
-        notes.push(
-            "rows of real and imaginary parts alternate: read it with [recording] complex = true"
-                .into(),
-        );
+        notes.push(ALTERNATE.into());
     }
     let count = table.real.ncols();
+    Ok(answer(args, &Counts { written, skipped, count, complex, flagged }, &notes))
+}
+
+/// What was converted.
+struct Counts {
+    written: usize,
+    skipped: usize,
+    count: usize,
+    complex: bool,
+    flagged: usize,
+}
+
+fn answer(args: &ConvertArgs, counts: &Counts, notes: &[String]) -> Answer {
+    let Counts { written, skipped, count, complex, flagged } = *counts;
     let mut text = format!("{written} frames of {count} values in {}", args.out.display());
-    for note in &notes {
+    for note in notes {
         text += &format!("\nnote: {note}");
     }
     let json = json!({
@@ -69,7 +82,80 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
         "skipped_frames": skipped,
         "notes": notes,
     });
-    Ok(Answer { text, json })
+    Answer { text, json }
+}
+
+const ALTERNATE: &str =
+    "rows of real and imaginary parts alternate: read it with [recording] complex = true";
+
+/// Whether a file is a recording of ours, which is converted message by message.
+fn is_recording(path: &Path) -> Result<bool, CliError> {
+    if path.is_dir() {
+        return Ok(false);
+    }
+    let mut start = Vec::new();
+    let file = eit_hw::regular_file(path)?;
+    file.take(MCAP.len() as u64)
+        .read_to_end(&mut start)
+        .map_err(|error| CliError::input(format!("{}: {error}", path.display())))?;
+    Ok(start == MCAP)
+}
+
+/// First bytes of a recording.
+const MCAP: &[u8] = b"\x89MCAP0\r\n";
+
+fn stream(args: &ConvertArgs, ending: &str, scene: Option<&Scene>) -> Result<Answer, CliError> {
+    if args.complex {
+        let place = args.input.display();
+        let message = "--complex is for tables, but this is a recording; leave it out";
+        return Err(CliError::input(format!("{place}: {message}")));
+    }
+    let protocol = match scene {
+        Some(scene) => Some(scene.protocol(scene.electrode_count()?)?),
+        None => None,
+    };
+    let quadruples = protocol.as_ref().and_then(|protocol| protocol.quadruples());
+    if protocol.is_some() && quadruples.is_none() {
+        let message = "[protocol] has general current patterns, which no recording names";
+        return Err(CliError::input(message));
+    }
+    let (source, found) = Source::new(&args.input, quadruples)?;
+    let Streamed { frames, complex, unfinished, flagged, damage, .. } = found;
+    let mut notes = Vec::new();
+    if damage.is_any() {
+        notes.push(
+            eit_hw::Note::Damaged {
+                chunks: damage.bad_chunks,
+                mended: damage.mended_chunks,
+                messages: damage.bad_messages,
+                skipped_bytes: damage.skipped_bytes,
+                truncated_bytes: damage.truncated_bytes,
+            }
+            .to_string(),
+        );
+    }
+    let skipped = match ending {
+        "mcap" => {
+            source.write_mcap(&args.out)?;
+            0
+        }
+        format => {
+            source.write_table(&found, &args.out, format)?;
+            if flagged > 0 {
+                notes.push(format!("{flagged} flagged values: a table has no flags"));
+            }
+            if unfinished > 0 {
+                notes.push(format!("{unfinished} frames left out: a value is not finite"));
+            }
+            if complex {
+                notes.push(ALTERNATE.into());
+            }
+            unfinished
+        }
+    };
+    let count = source.columns(&found);
+    let written = frames - skipped;
+    Ok(answer(args, &Counts { written, skipped, count, complex, flagged }, &notes))
 }
 
 /// The frames as recorded, or in the order of a scene's protocol.

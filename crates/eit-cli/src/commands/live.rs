@@ -1,7 +1,7 @@
 //! `eit live`: touches of a live instrument as they happen.
 
 use super::viewer::Viewer;
-use super::{Answer, record};
+use super::{Ended, SILENT, publish, record};
 use crate::cli::LiveArgs;
 use crate::error::CliError;
 use crate::progress;
@@ -14,8 +14,9 @@ use eit_skin::scene::Scene;
 use std::sync::Arc;
 
 /// Watches until Ctrl-C, the end of `--seconds` or enough frames.
-pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Answer, CliError> {
+pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     let limit = record::duration(args.seconds)?;
+    let publisher = publish::open(&args.watch.publish, is_json)?;
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;
     let mut progress = progress::terminal();
@@ -36,12 +37,19 @@ pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Answer, CliError> {
             .map_err(|error| CliError::input(error.to_string()))?;
         viewer.record(writer);
     }
+    viewer.publish(publisher, &session.setup().identity.to_string(), true)?;
     let summary = model.watch(&mut session, true, &mut viewer);
     session.stop();
     let statistics = FrameSource::statistics(&session);
     let name = session.setup().identity.to_string();
+    let ended_silent = viewer.is_silent();
     // what stopped the view is what the user wants to know; a writer that failed fails again
     let files = viewer.finish();
     let summary = summary?;
-    Ok(answer(&name, &summary, &statistics, &files?))
+    let mut answer = answer(&name, &summary, &statistics, &files?);
+    answer.text += &record::silence(statistics.silent_s, ended_silent).replacen("; ", "\n", 1);
+    answer.json["silent_s"] = statistics.silent_s.into();
+    answer.json["ended_silent"] = ended_silent.into();
+    let answer = publish::told(&args.watch.publish, answer);
+    Ok(Ended { answer, exit_code: if ended_silent { SILENT } else { 0 } })
 }

@@ -10,13 +10,17 @@ mod electrode_watch;
 pub(crate) mod emulate;
 pub(crate) mod forward;
 pub(crate) mod jacobian;
+pub(crate) mod learn;
 pub(crate) mod live;
 pub(crate) mod mesh;
 pub(crate) mod plan;
+mod publish;
 pub(crate) mod reconstruct;
 pub(crate) mod record;
+pub(crate) mod recover;
 pub(crate) mod replay;
 pub(crate) mod report;
+pub(crate) mod shell;
 pub(crate) mod simulate;
 mod solve;
 pub(crate) mod train;
@@ -28,6 +32,25 @@ use std::path::Path;
 
 pub(crate) use eit_report::Answer;
 use eit_report::output::ending;
+
+/// Exit code of a live command that ended while its instrument was silent or unplugged.
+pub(crate) const SILENT: u8 = 3;
+/// Exit code of a check that found a fault.
+pub(crate) const FAULTY: u8 = 4;
+
+/// What a command found, and the exit code that says so to scripts.
+pub(crate) struct Ended {
+    /// What it found.
+    pub answer: Answer,
+    /// 0, [`SILENT`] or [`FAULTY`].
+    pub exit_code: u8,
+}
+
+impl From<Answer> for Ended {
+    fn from(answer: Answer) -> Self {
+        Self { answer, exit_code: 0 }
+    }
+}
 
 /// Refuses an ending that the command does not write.
 fn check_ending(path: &Path, known: &[&str]) -> Result<String, CliError> {

@@ -1,7 +1,7 @@
 //! `eit record`: a live instrument into a crash-safe recording.
 
-use super::Answer;
 use super::electrode_watch::ElectrodeWatch;
+use super::{Answer, Ended, SILENT};
 use crate::cli::RecordArgs;
 use crate::error::CliError;
 use crate::interrupt;
@@ -17,9 +17,11 @@ use std::time::{Duration, Instant};
 
 /// How often to check for shutdown.
 const WAIT: Duration = Duration::from_millis(50);
+/// A silence at the start is shown from here on; others once the session tells them.
+const TOLD_SILENCE: Duration = Duration::from_millis(500);
 
 /// Records until enough frames came, the time is over, or Ctrl-C.
-pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
+pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let limit = duration(args.seconds)?;
     let place = &args.out;
     super::check_ending(place, &["mcap"])?;
@@ -39,14 +41,25 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
     let record = connect::session_record(&scene.to_toml()?, &instrument, &session);
     let bytes_before = std::fs::metadata(place).map_or(0, |data| data.len());
     let settings = CaptureSettings { sync: args.sync, ..CaptureSettings::default() };
-    let mut writer = match place.exists() {
+    // decided once: what another recorder makes meanwhile is not gone on with
+    let mut writer = match args.append && place.exists() {
         true => CaptureWriter::append(place, &record, settings)?,
         false => CaptureWriter::create(place, &record, settings).map_err(unwritable)?,
     };
+    if let Some(cut) = writer.cut_tail() {
+        progress.note(&format!(
+            "{}: {} bytes at the end were no whole record and are kept in {}",
+            place.display(),
+            cut.bytes,
+            cut.path.display()
+        ));
+    }
     if let Some(note) = &args.note {
         writer.note(note)?;
     }
-    let mut taken = Taken { frames: 0, notes: 0, electrodes: ElectrodeWatch::new(&instrument) };
+    let cut = writer.cut_tail().cloned();
+    let electrodes = ElectrodeWatch::new(&instrument);
+    let mut taken = Taken { frames: 0, notes: 0, silent_since: Some(Instant::now()), electrodes };
     let ended = progress.steps("recording; Ctrl-C ends it", 0, |bar| {
         let start = Instant::now();
         while taken.frames < args.frames.unwrap_or(u64::MAX)
@@ -57,7 +70,10 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
                 break;
             }
             taken.next(&session, &mut writer, WAIT, &mut |words| bar.note(words))?;
-            if taken.frames.is_multiple_of(16) {
+            if let Some(since) = taken.silent_since.filter(|since| since.elapsed() > TOLD_SILENCE) {
+                let silent_s = since.elapsed().as_secs_f64();
+                bar.set_message(&format!("NO FRAME for {silent_s:.0} s; Ctrl-C ends it"));
+            } else if taken.frames.is_multiple_of(16) {
                 bar.set_message(&format!("{} frames; Ctrl-C ends it", taken.frames));
             }
         }
@@ -72,7 +88,11 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Answer, CliError> {
             .map_err(|error| stopped(error, place, taken.frames))?
     {}
     writer.finish().map_err(|error| stopped(error.into(), place, taken.frames))?;
-    Ok(answer(place, bytes_before, &session, &taken, interrupted))
+    let mut answer = answer(place, bytes_before, &session, &taken, interrupted);
+    answer.json["cut_tail"] =
+        json!(cut.map(|cut| json!({ "bytes": cut.bytes, "file": cut.path.display().to_string() })));
+    let exit_code = if taken.silent_since.is_some() { SILENT } else { 0 };
+    Ok(Ended { answer, exit_code })
 }
 
 /// A place that cannot be written to is bad input, other than a disk that gets full.
@@ -97,6 +117,8 @@ pub(super) fn duration(seconds: Option<f64>) -> Result<Option<Duration>, CliErro
 struct Taken {
     frames: u64,
     notes: u64,
+    /// Since when no frame has come, once that was told; also before the first.
+    silent_since: Option<Instant>,
     electrodes: ElectrodeWatch,
 }
 
@@ -113,6 +135,7 @@ impl Taken {
             Some(Event::Frame(frame)) => {
                 writer.frame(&frame)?;
                 self.frames += 1;
+                self.silent_since = None;
                 let Self { electrodes, notes, .. } = self;
                 electrodes.push(&frame, |words| {
                     warn(words);
@@ -125,7 +148,13 @@ impl Taken {
                 if matches!(other, Event::Reconnected { .. }) {
                     self.electrodes.restart();
                 }
+                if matches!(other, Event::Silent { .. } | Event::Disconnected { .. }) {
+                    self.silent_since.get_or_insert_with(Instant::now);
+                }
                 if let Some(words) = event_words(&other) {
+                    if is_news(&other) {
+                        warn(&words);
+                    }
                     writer.note(&words)?;
                     self.notes += 1;
                 }
@@ -137,6 +166,11 @@ impl Taken {
         }
         Ok(true)
     }
+}
+
+/// Whether people are told at once.
+pub(super) fn is_news(event: &Event) -> bool {
+    matches!(event, Event::Silent { .. } | Event::Disconnected { .. } | Event::Reconnected { .. })
 }
 
 /// What went wrong, and what is left of the recording.
@@ -152,6 +186,18 @@ fn stopped(error: CliError, place: &Path, frames: u64) -> CliError {
         Err(_) => format!("{} is not readable", place.display()),
     };
     CliError::Failure(format!("the recording has stopped: {error}; {left}"))
+}
+
+/// Silences in words.
+pub(super) fn silence(silent_s: f64, ended_silent: bool) -> String {
+    let mut words = String::new();
+    if silent_s > 0.0 {
+        words += &format!("; silent for {silent_s:.1} s");
+    }
+    if ended_silent {
+        words += "; it was silent or unplugged at the end: check its power and cable";
+    }
+    words
 }
 
 fn answer(
@@ -175,7 +221,8 @@ fn answer(
         statistics.flagged,
         statistics.damaged_bytes,
         statistics.reconnections
-    ) + &taken.electrodes.lines();
+    ) + &silence(statistics.silent_s, taken.silent_since.is_some())
+        + &taken.electrodes.lines();
     let json: Value = json!({
         "file": place.display().to_string(),
         "bytes": bytes,
@@ -186,6 +233,8 @@ fn answer(
         "flagged": statistics.flagged,
         "damaged_bytes": statistics.damaged_bytes,
         "reconnections": statistics.reconnections,
+        "silent_s": statistics.silent_s,
+        "ended_silent": taken.silent_since.is_some(),
         "interrupted": interrupted,
         "faulty_electrodes": taken.electrodes.json(),
     });

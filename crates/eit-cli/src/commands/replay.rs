@@ -1,7 +1,7 @@
 //! `eit replay`: a recording played as if it were live.
 
-use super::Answer;
 use super::viewer::Viewer;
+use super::{Answer, publish};
 use crate::cli::ReplayArgs;
 use crate::error::CliError;
 use crate::progress;
@@ -16,6 +16,7 @@ use std::time::Duration;
 
 /// Watches to the end of the recording, Ctrl-C or enough frames.
 pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> {
+    let publisher = publish::open(&args.watch.publish, is_json)?;
     let scene = Scene::load(&args.scene)?;
     let mut progress = progress::terminal();
     let frames = args.watch.reference_frames;
@@ -28,6 +29,7 @@ pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> 
     let mut replay = Replay::open(&args.from, Some(quadruples), pace)?;
     let mut viewer = Viewer::new(&model, &args.watch, None, !is_json)?;
     let name = replay.setup().identity.to_string();
+    viewer.publish(publisher, &name, false)?;
     let (summary, statistics) = if args.step {
         let mut stepped = Stepped(replay);
         (model.watch(&mut stepped, false, &mut viewer), stepped.statistics())
@@ -35,7 +37,8 @@ pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> 
         (model.watch(&mut replay, false, &mut viewer), replay.statistics())
     };
     let files = viewer.finish()?;
-    Ok(answer(&name, &summary?, &statistics, &files))
+    let answer = answer(&name, &summary?, &statistics, &files);
+    Ok(publish::told(&args.watch.publish, answer))
 }
 
 /// A replay that waits for a line on stdin before each frame; the end of stdin lets it run.

@@ -5,6 +5,7 @@ use eit_inverse::touch::TouchState;
 use eit_picture::{ColorMap, FrameLabels, PictureSettings, SkinDrawing, draw_sheet};
 use eit_report::output::OutFile;
 use eit_skin::live::{LiveFrame, LiveImages, LiveModel};
+use eit_skin::words::printable;
 use ndarray::{Array3, ArrayView2};
 use std::collections::VecDeque;
 use std::fmt::Write as _;
@@ -16,6 +17,8 @@ use std::time::{Duration, Instant};
 const PICTURE_EVERY: Duration = Duration::from_millis(200);
 /// The terminal at most so often.
 const TERMINAL_EVERY: Duration = Duration::from_millis(100);
+/// A silence is shown from here on.
+const TOLD_SILENCE: Duration = Duration::from_millis(500);
 /// Columns of the image on a terminal; a row shows two of its rows.
 const COLUMNS: usize = 44;
 /// Ends of the colours: the largest value of so many frames back, and at least this many times the
@@ -43,7 +46,7 @@ impl Range {
 }
 
 /// The image at hand, [1, row, column].
-fn image(images: &LiveImages) -> Result<Array3<f64>, CliError> {
+pub(super) fn image(images: &LiveImages) -> Result<Array3<f64>, CliError> {
     let pixels = images.pixels();
     let row = ArrayView2::from_shape((1, pixels.len()), pixels)
         .map_err(|e| CliError::Failure(format!("image: {e}")))?;
@@ -101,6 +104,8 @@ pub(crate) struct Terminal {
     last: Option<Instant>,
     /// Arrivals of the last frames.
     arrivals: VecDeque<Instant>,
+    /// What was shown last.
+    shown: String,
 }
 
 impl Terminal {
@@ -108,7 +113,13 @@ impl Terminal {
     pub fn new(is_wanted: bool) -> Self {
         use std::io::IsTerminal as _;
         let is_on = is_wanted && std::io::stdout().is_terminal();
-        Self { is_on, range: Range::default(), last: None, arrivals: VecDeque::new() }
+        let (range, arrivals, shown) = (Range::default(), VecDeque::new(), String::new());
+        Self { is_on, range, last: None, arrivals, shown }
+    }
+
+    /// Whether it shows anything.
+    pub fn is_on(&self) -> bool {
+        self.is_on
     }
 
     /// While the reference is taken.
@@ -116,6 +127,32 @@ impl Terminal {
         if self.is_on {
             self.say(&format!("touch nothing: {left} more frames for the reference\n"));
         }
+    }
+
+    /// Something that the user should hear of at once; on a terminal the view shows it.
+    pub fn news(&mut self, words: &str) {
+        if !self.is_on {
+            eprintln!("eit: note: {}", printable(words));
+            return;
+        }
+        let text = format!("{}{}\n", self.shown, printable(words));
+        self.say(&text);
+    }
+
+    /// While no frame comes: the picture is an old one.
+    pub fn silent(&mut self, silence: Duration) {
+        if !self.is_on
+            || silence < TOLD_SILENCE
+            || self.last.is_some_and(|last| last.elapsed() < TERMINAL_EVERY)
+        {
+            return;
+        }
+        self.last = Some(Instant::now());
+        self.arrivals.clear();
+        let silent_s = silence.as_secs_f64();
+        let words = "check its power and cable; the picture is old";
+        let text = format!("{}NO FRAME for {silent_s:.1} s: {words}\n", self.shown);
+        self.say(&text);
     }
 
     /// Draws the view, if the last one is old enough.
@@ -149,13 +186,22 @@ impl Terminal {
             let [x, y, _] = touch.position_m.map(|part| 1e3 * part);
             let _ = writeln!(
                 text,
-                "touch {}: x {x:.1} mm, y {y:.1} mm, {:.2e} S m2{}",
+                "touch {}: x {x:.1} mm, y {y:.1} mm, {:.2e} S m2{}{}{}",
                 touch.id,
                 touch.intensity_s_m2,
-                if touch.valid { "" } else { " (uncertain)" }
+                match (touch.force_n(), touch.force_std_n()) {
+                    (Some(force_n), Some(std_n)) => format!(", {force_n:.2} N +- {std_n:.2}"),
+                    _ => String::new(),
+                },
+                if touch.valid { "" } else { " (uncertain)" },
+                match touch.learnt {
+                    Some(learnt) if learnt.is_unlike => " (unlike every press that was learnt)",
+                    _ => "",
+                }
             );
         }
         self.say(&text);
+        self.shown = text;
         Ok(())
     }
 

@@ -1,15 +1,19 @@
 //! What `eit live` and `eit replay` show and keep.
 
-use super::view::{Picture, Terminal};
+use super::publish;
+use super::record::is_news;
+use super::view::{Picture, Terminal, image};
 use crate::cli::WatchArgs;
 use crate::error::CliError;
 use crate::interrupt;
 use eit_hw::capture::CaptureWriter;
 use eit_hw::driver::Event;
+use eit_publish::{Publisher, Start};
 use eit_report::watched::{Kept, record_of};
 use eit_skin::StopFlag;
 use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, Summary};
 use eit_skin::words::event_words;
+use ndarray::Axis;
 use std::time::{Duration, Instant};
 
 /// Shows, records and keeps.
@@ -19,10 +23,13 @@ pub(super) struct Viewer<'a> {
     start: Instant,
     limit: Option<Duration>,
     interrupt: StopFlag,
+    /// Since when no frame has come, once that was told; also before the first.
+    silent_since: Option<Instant>,
     terminal: Terminal,
     picture: Option<Picture>,
     writer: Option<CaptureWriter>,
     kept: Option<Kept>,
+    publisher: Option<Publisher>,
 }
 
 impl<'a> Viewer<'a> {
@@ -40,10 +47,15 @@ impl<'a> Viewer<'a> {
             start: Instant::now(),
             limit,
             interrupt: interrupt::listen()?,
-            terminal: Terminal::new(is_shown),
+            silent_since: Some(Instant::now()),
+            // lines have stdout for themselves, and the view would wipe the address of the page away
+            terminal: Terminal::new(
+                is_shown && !args.publish.json_lines && args.publish.web.is_none(),
+            ),
             picture: args.picture.as_deref().map(Picture::new).transpose()?,
             writer: None,
             kept,
+            publisher: None,
         })
     }
 
@@ -52,8 +64,38 @@ impl<'a> Viewer<'a> {
         self.writer = Some(writer);
     }
 
+    /// Publishes touches from now on, those of this instrument or recording.
+    pub fn publish(
+        &mut self,
+        publisher: Option<Publisher>,
+        instrument: &str,
+        is_live: bool,
+    ) -> Result<(), CliError> {
+        self.publisher = publisher;
+        let Some(publisher) = &mut self.publisher else { return Ok(()) };
+        if publisher.has_web() {
+            publisher.skin(&publish::shape(self.model)?)?;
+        }
+        let skin = self.model.skin();
+        Ok(publisher.start(&Start {
+            skin: &skin.name,
+            instrument,
+            electrodes: skin.mesh.electrodes().len(),
+            reference_frames: self.model.reference_frames,
+            is_live,
+        })?)
+    }
+
+    /// Whether the instrument is silent or unplugged.
+    pub fn is_silent(&self) -> bool {
+        self.silent_since.is_some()
+    }
+
     /// Ends recording and writes what was kept; the names of the files.
     pub fn finish(self) -> Result<Vec<&'static str>, CliError> {
+        if let Some(publisher) = self.publisher {
+            publish::end(publisher)?;
+        }
         if let Some(writer) = self.writer {
             writer.finish()?;
         }
@@ -65,6 +107,21 @@ impl LiveObserver for Viewer<'_> {
     type Error = CliError;
 
     fn event(&mut self, event: &Event) -> Result<(), CliError> {
+        if let Some(publisher) = &mut self.publisher {
+            publisher.event(event)?;
+        }
+        match event {
+            Event::Frame(_) => self.silent_since = None,
+            Event::Silent { .. } | Event::Disconnected { .. } => {
+                self.silent_since.get_or_insert_with(Instant::now);
+            }
+            _ => {}
+        }
+        if is_news(event)
+            && let Some(words) = event_words(event)
+        {
+            self.terminal.news(&words);
+        }
         let Some(writer) = &mut self.writer else { return Ok(()) };
         match (event, event_words(event)) {
             (Event::Frame(frame), _) => writer.frame(frame)?,
@@ -75,6 +132,9 @@ impl LiveObserver for Viewer<'_> {
     }
 
     fn idle(&mut self) -> Result<(), CliError> {
+        if let Some(since) = self.silent_since {
+            self.terminal.silent(since.elapsed());
+        }
         match &mut self.writer {
             Some(writer) => Ok(writer.tick()?),
             None => Ok(()),
@@ -83,18 +143,33 @@ impl LiveObserver for Viewer<'_> {
 
     fn waiting(&mut self, left: usize) -> Result<(), CliError> {
         self.terminal.waiting(left);
-        Ok(())
+        match &mut self.publisher {
+            Some(publisher) => Ok(publisher.waiting(left)?),
+            None => Ok(()),
+        }
     }
 
-    fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
-        self.terminal.show(shown)?;
-        if let Some(picture) = &mut self.picture {
-            picture.show(self.model, shown)?;
+    fn touches(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
+        if let Some(publisher) = &mut self.publisher {
+            publisher.touches(&(*shown).into())?;
         }
         if let Some(writer) = &mut self.writer
             && !shown.touches.is_empty()
         {
             writer.touches(&record_of(shown))?;
+        }
+        Ok(())
+    }
+
+    fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), CliError> {
+        self.terminal.show(shown)?;
+        if let (Some(publisher), Some(images)) = (&mut self.publisher, shown.images)
+            && publisher.wants_image()
+        {
+            publisher.image(image(images)?.index_axis(Axis(0), 0))?;
+        }
+        if let Some(picture) = &mut self.picture {
+            picture.show(self.model, shown)?;
         }
         if let Some(kept) = &mut self.kept {
             kept.take(shown)?;
@@ -102,9 +177,15 @@ impl LiveObserver for Viewer<'_> {
         Ok(())
     }
 
+    fn wants_images(&self) -> bool {
+        let is_seen = self.terminal.is_on() || self.picture.is_some() || self.kept.is_some();
+        is_seen || self.publisher.as_ref().is_none_or(Publisher::has_web)
+    }
+
     fn goes_on(&mut self, summary: &Summary) -> bool {
         summary.frames < self.frames
             && !self.interrupt.is_set()
+            && !self.publisher.as_ref().is_some_and(Publisher::is_closed)
             && self.limit.is_none_or(|limit| self.start.elapsed() < limit)
     }
 }

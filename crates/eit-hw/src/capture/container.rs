@@ -3,7 +3,7 @@
 use crate::error::{HwError, Place};
 
 /// First bytes of an MCAP file.
-pub(super) const MAGIC: &[u8] = b"\x89MCAP0\r\n";
+pub(super) const MAGIC: &[u8] = crate::readers::MCAP_MAGIC;
 
 /// What the container says, as an error of this crate.
 pub(super) fn container_error(place: Place, what: &impl ToString) -> HwError {

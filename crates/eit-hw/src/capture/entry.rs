@@ -1,7 +1,8 @@
 //! Messages of a recording and their topics.
 
 use super::json::FrameRecord;
-use super::record::{NoteRecord, ReferenceRecord, SessionRecord, TouchesRecord};
+use super::record::{NoteRecord, ReferenceRecord, SessionRecord, TouchRecord, TouchesRecord};
+use super::records::Channel;
 use crate::frame::Frame;
 
 /// The topics of a recording.
@@ -17,6 +18,12 @@ pub(super) enum Topic {
 impl Topic {
     pub(super) const ALL: [Self; 5] =
         [Self::Session, Self::Frame, Self::Reference, Self::Touches, Self::Note];
+
+    /// The topic of a channel; `None` for another program's.
+    pub(super) fn of(channel: &Channel<'_>) -> Option<Self> {
+        let topic = Self::ALL.into_iter().find(|topic| topic.name() == channel.topic);
+        topic.filter(|_| channel.encoding == "json")
+    }
 
     pub(super) const fn name(self) -> &'static str {
         match self {
@@ -56,6 +63,21 @@ pub enum Entry {
 }
 
 impl Entry {
+    /// About how much memory it takes.
+    pub(super) fn memory_bytes(&self) -> u64 {
+        let values = match self {
+            Self::Frame(frame) => {
+                let parts = frame.values.len() + frame.imaginary.as_ref().map_or(0, Vec::len);
+                8 * parts + 2 * frame.quality.len()
+            }
+            Self::Session(session) => 16 * session.quadruples.len() + session.scene_toml.len(),
+            Self::Reference(reference) => 16 * reference.values.len(),
+            Self::Touches(touches) => size_of::<TouchRecord>() * touches.touches.len(),
+            Self::Note(text) => text.len(),
+        };
+        (size_of::<Self>() + values) as u64
+    }
+
     pub(super) fn from_json(topic: Topic, json: &[u8]) -> Option<Self> {
         match topic {
             Topic::Session => serde_json::from_slice(json).ok().map(Self::Session),

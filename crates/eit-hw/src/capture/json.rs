@@ -1,7 +1,11 @@
 //! Frames as JSON. JSON has no NaN: `null` stands for what is not finite.
 
+use std::fmt;
+use std::marker::PhantomData;
+
+use serde::de::{self, SeqAccess, Visitor};
 use serde::ser::SerializeStruct;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::frame::{Frame, Quality};
 
@@ -14,12 +18,12 @@ pub(super) struct FrameRecord {
     device_time_s: Option<f64>,
     host_time_s: Option<f64>,
     /// JSON has no NaN: `null` stands for what is not finite.
-    values: Vec<Option<f64>>,
+    values: Bounded<Option<f64>, f64>,
     #[serde(default)]
-    imaginary: Option<Vec<Option<f64>>>,
+    imaginary: Option<Bounded<Option<f64>, f64>>,
     /// Flags as bits; left out where all are good.
     #[serde(default)]
-    quality: Option<Vec<u16>>,
+    quality: Option<Bounded<u16, u16>>,
 }
 
 /// A frame to be written, in place: nothing is copied.
@@ -60,23 +64,77 @@ impl Serialize for Bits<'_> {
     }
 }
 
-fn or_nan(values: Vec<Option<f64>>) -> Vec<f64> {
-    values.into_iter().map(|value| value.unwrap_or(f64::NAN)).collect()
+/// Most values of one frame: adjacent patterns of 256 electrodes are 64 768.
+const MOST_VALUES: usize = 1 << 18;
+
+/// A list of `T`, kept as `U`, of at most [`MOST_VALUES`]: two characters of a hostile file must not
+/// become sixteen bytes without end.
+pub(super) struct Bounded<T, U>(pub(super) Vec<U>, PhantomData<T>);
+
+/// What is kept of a value that was read.
+pub(super) trait Keep<T> {
+    fn keep(read: T) -> Self;
+}
+
+impl Keep<Option<f64>> for f64 {
+    fn keep(read: Option<f64>) -> Self {
+        read.unwrap_or(f64::NAN)
+    }
+}
+
+impl<T> Keep<T> for T {
+    fn keep(read: T) -> Self {
+        read
+    }
+}
+
+impl<'de, T: Deserialize<'de>, U: Keep<T>> Deserialize<'de> for Bounded<T, U> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct List<T, U>(PhantomData<(T, U)>);
+        impl<'de, T: Deserialize<'de>, U: Keep<T>> Visitor<'de> for List<T, U> {
+            type Value = Bounded<T, U>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "a list of at most {MOST_VALUES} values")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
+                let mut values = Vec::new();
+                while let Some(value) = list.next_element()? {
+                    if values.len() == MOST_VALUES {
+                        return Err(de::Error::invalid_length(MOST_VALUES + 1, &self));
+                    }
+                    values.push(U::keep(value));
+                }
+                // they are kept by the thousand
+                values.shrink_to_fit();
+                Ok(Bounded(values, PhantomData))
+            }
+        }
+        deserializer.deserialize_seq(List(PhantomData))
+    }
+}
+
+/// For `#[serde(deserialize_with)]`.
+pub(super) fn bounded<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+    deserializer: D,
+) -> Result<Vec<T>, D::Error> {
+    Bounded::<T, T>::deserialize(deserializer).map(|list| list.0)
 }
 
 impl FrameRecord {
     /// The frame; `None` where its parts have different lengths or a flag has no meaning.
     pub(super) fn into_frame(self) -> Option<Frame> {
-        let count = self.values.len();
+        let values = self.values.0;
+        let count = values.len();
         let quality = match self.quality {
             None => vec![Quality::GOOD; count],
-            Some(bits) => bits.into_iter().map(Quality::from_bits).collect::<Option<_>>()?,
+            Some(bits) => bits.0.into_iter().map(Quality::from_bits).collect::<Option<_>>()?,
         };
-        let imaginary = self.imaginary.map(or_nan);
+        let imaginary = self.imaginary.map(|list| list.0);
         if quality.len() != count || imaginary.as_ref().is_some_and(|parts| parts.len() != count) {
             return None;
         }
-        let values = or_nan(self.values);
         let (sequence, epoch) = (self.sequence, self.epoch);
         let (device_time_s, host_time_s) = (self.device_time_s, self.host_time_s);
         Some(Frame { values, imaginary, quality, sequence, epoch, device_time_s, host_time_s })

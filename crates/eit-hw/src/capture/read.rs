@@ -1,6 +1,6 @@
 //! Recordings read as a whole.
 
-use std::io::Read;
+use std::io::{Cursor, Read, Seek};
 use std::path::Path;
 
 use ndarray::Array2;
@@ -45,61 +45,148 @@ impl Capture {
     /// [`HwError::NoFrames`]; [`HwError::Container`] where frames of different sizes or sessions of
     /// different measurements follow each other.
     pub fn recording(&self, path: &Path) -> Result<Recording, HwError> {
-        let place = || Place::file(path);
-        let differ = |what: String| HwError::Container {
-            place: place(),
+        let mut frames = Frames::new(path);
+        self.entries.iter().try_for_each(|entry| frames.take(entry))?;
+        frames.finish(self.damage)
+    }
+}
+
+/// The frames of the recording at `path`, in the memory of their values.
+///
+/// # Errors
+/// As [`read`] and [`Capture::recording`].
+pub(crate) fn read_frames(path: &Path) -> Result<Recording, HwError> {
+    let mut reader = CaptureReader::open(path)?;
+    let (mut frames, mut budget) = (Frames::new(path), Budget::of(reader.length(), path));
+    while let Some(entry) = reader.next_entry()? {
+        budget.take(&entry)?;
+        frames.take(&entry)?;
+    }
+    frames.finish(reader.damage())
+}
+
+/// Memory that the messages of a file may take.
+///
+/// Text of numbers takes more room in a file than the numbers in memory, but equal frames are packed
+/// well: those of an emulator without noise 20 to 30 times. What goes far beyond is made to fill the
+/// memory.
+struct Budget<'a> {
+    path: &'a Path,
+    file_bytes: u64,
+    left: u64,
+}
+
+impl<'a> Budget<'a> {
+    const LEAST_BYTES: u64 = 24 << 20;
+    const TIMES_FILE: u64 = 24;
+
+    fn of(file_bytes: u64, path: &'a Path) -> Self {
+        let left = Self::LEAST_BYTES.saturating_add(Self::TIMES_FILE.saturating_mul(file_bytes));
+        Self { path, file_bytes, left }
+    }
+
+    fn take(&mut self, entry: &Entry) -> Result<(), HwError> {
+        let most = Self::of(self.file_bytes, self.path).left;
+        let left = self.left.checked_sub(entry.memory_bytes());
+        self.left = left.ok_or_else(|| HwError::TooLarge {
+            place: Place::file(self.path),
+            most_mb: most / 1_000_000,
+            file_mb: 1e-6 * self.file_bytes as f64,
+        })?;
+        Ok(())
+    }
+}
+
+/// Frames put together one by one.
+struct Frames<'a> {
+    path: &'a Path,
+    session: Option<SessionRecord>,
+    /// Values of the first frame, and whether they are complex.
+    size: Option<(usize, bool)>,
+    real: Vec<f64>,
+    imaginary: Vec<f64>,
+    quality: Vec<Quality>,
+    times: Vec<f64>,
+}
+
+impl<'a> Frames<'a> {
+    fn new(path: &'a Path) -> Self {
+        let (real, imaginary, quality, times) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        Self { path, session: None, size: None, real, imaginary, quality, times }
+    }
+
+    fn differ(&self, what: String) -> HwError {
+        HwError::Container {
+            place: Place::file(self.path),
             what,
             mend: "record each set-up in a file of its own",
-        };
-        let mut frames = self.frames().peekable();
-        let Some(&first) = frames.peek() else {
-            return Err(HwError::NoFrames { place: place(), skipped: 0 });
-        };
-        let (count, complex) = (first.values.len(), first.imaginary.is_some());
-        let (mut real, mut imaginary) = (Vec::new(), Vec::new());
-        let (mut quality, mut times): (Vec<Quality>, _) = (Vec::new(), Vec::new());
-        for frame in frames {
-            if frame.values.len() != count || frame.imaginary.is_some() != complex {
-                let found = frame.values.len();
-                let number = frame.sequence;
-                return Err(differ(format!(
-                    "frame {number} has {found} values, but those before have {count}"
-                )));
-            }
-            real.extend(&frame.values);
-            imaginary.extend(frame.imaginary.iter().flatten());
-            quality.extend(&frame.quality);
-            times.extend(frame.device_time_s);
         }
-        let mut sessions = self.sessions();
-        let session = sessions.next().cloned().unwrap_or_default();
-        if let Some(other) = sessions.find(|other| other.quadruples != session.quadruples) {
-            let (one, other) = (session.quadruples.len(), other.quadruples.len());
-            let what = format!("sessions of {one} and {other} measurements differ in them");
-            return Err(differ(what));
+    }
+
+    fn take(&mut self, entry: &Entry) -> Result<(), HwError> {
+        match entry {
+            Entry::Frame(frame) => self.frame(frame),
+            Entry::Session(session) => self.session(session),
+            _ => Ok(()),
         }
-        let named = session.quadruples.len();
+    }
+
+    fn session(&mut self, other: &SessionRecord) -> Result<(), HwError> {
+        let session = self.session.get_or_insert_with(|| other.clone());
+        if session.quadruples == other.quadruples {
+            return Ok(());
+        }
+        let (one, other) = (session.quadruples.len(), other.quadruples.len());
+        Err(self.differ(format!("sessions of {one} and {other} measurements differ in them")))
+    }
+
+    fn frame(&mut self, frame: &Frame) -> Result<(), HwError> {
+        let found = (frame.values.len(), frame.imaginary.is_some());
+        let size = *self.size.get_or_insert(found);
+        if found != size {
+            let (found, count, number) = (found.0, size.0, frame.sequence);
+            return Err(self.differ(format!(
+                "frame {number} has {found} values, but those before have {count}"
+            )));
+        }
+        self.real.extend(&frame.values);
+        self.imaginary.extend(frame.imaginary.iter().flatten());
+        self.quality.extend(&frame.quality);
+        self.times.extend(frame.device_time_s);
+        Ok(())
+    }
+
+    fn finish(self, damage: Damage) -> Result<Recording, HwError> {
+        let path = self.path;
+        let none = || HwError::NoFrames { place: Place::file(path), skipped: 0 };
+        let (count, complex) = self.size.ok_or_else(none)?;
+        let named = self.session.as_ref().map_or(0, |session| session.quadruples.len());
         if named != 0 && named != count {
             let what = format!("frames have {count} values, but the session names {named}");
-            return Err(differ(what));
+            return Err(self.differ(what));
         }
-        let rows = real.len() / count.max(1);
-        let none = |_| HwError::NoFrames { place: place(), skipped: 0 };
-        let table = |values| Array2::from_shape_vec((rows, count), values).map_err(none);
+        let session = self.session.unwrap_or_default();
+        let rows = self.real.len() / count.max(1);
+        let table = |values| Array2::from_shape_vec((rows, count), values).map_err(|_| none());
         let layout = match named {
             0 => Layout::ProtocolOrder,
             _ => Layout::Quadruples(session.quadruples),
         };
-        let parts = if complex { Some(table(imaginary)?) } else { None };
-        let unit = Unit::from(session.unit);
-        let mut recording = Recording::new(table(real)?, parts, layout, unit, Format::Mcap, path);
-        recording.quality = Array2::from_shape_vec((rows, count), quality).map_err(none)?;
-        let steady = times.len() == rows && times.is_sorted();
-        recording.device_time_s = steady.then_some(times);
-        let Damage { bad_chunks: chunks, bad_messages: messages, truncated_bytes, .. } =
-            self.damage;
-        if chunks + messages + truncated_bytes > 0 {
-            recording.notes.push(Note::Damaged { chunks, messages, truncated_bytes });
+        let parts = if complex { Some(table(self.imaginary)?) } else { None };
+        let (unit, real) = (Unit::from(session.unit), table(self.real)?);
+        let mut recording = Recording::new(real, parts, layout, unit, Format::Mcap, path);
+        recording.quality =
+            Array2::from_shape_vec((rows, count), self.quality).map_err(|_| none())?;
+        let steady = self.times.len() == rows && self.times.is_sorted();
+        recording.device_time_s = steady.then_some(self.times);
+        if damage.is_any() {
+            recording.notes.push(Note::Damaged {
+                chunks: damage.bad_chunks,
+                mended: damage.mended_chunks,
+                messages: damage.bad_messages,
+                skipped_bytes: damage.skipped_bytes,
+                truncated_bytes: damage.truncated_bytes,
+            });
         }
         recording.current_a = session.current_a;
         recording.frequency_hz = session.frequency_hz;
@@ -112,22 +199,24 @@ impl Capture {
 /// # Errors
 /// [`HwError::Read`], and as [`parse`].
 pub fn read(path: &Path) -> Result<Capture, HwError> {
-    whole(CaptureReader::open(path)?)
+    whole(CaptureReader::open(path)?, path)
 }
 
 /// The recording of these bytes; `path` is for messages. Chunks that are whole and right are read,
 /// whatever became of the rest.
 ///
 /// # Errors
-/// [`HwError::Empty`], and [`HwError::Container`] for what does not start as MCAP.
+/// [`HwError::Empty`], [`HwError::Container`] for what does not start as MCAP, and
+/// [`HwError::TooLarge`] for a file made to fill the memory.
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Capture, HwError> {
-    whole(CaptureReader::new(bytes, path)?)
+    whole(CaptureReader::new(Cursor::new(bytes), path)?, path)
 }
 
 /// Every message of a recording.
-fn whole<R: Read>(mut reader: CaptureReader<R>) -> Result<Capture, HwError> {
-    let mut entries = Vec::new();
+fn whole<R: Read + Seek>(mut reader: CaptureReader<R>, path: &Path) -> Result<Capture, HwError> {
+    let (mut entries, mut budget) = (Vec::new(), Budget::of(reader.length(), path));
     while let Some(entry) = reader.next_entry()? {
+        budget.take(&entry)?;
         entries.push(entry);
     }
     Ok(Capture { entries, damage: reader.damage() })

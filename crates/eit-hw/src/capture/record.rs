@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::json::bounded;
+
 use crate::driver::setup::Setup;
 use crate::frame::Quadruple;
 use crate::recording::Unit;
@@ -20,6 +22,7 @@ pub struct SessionRecord {
     /// Unit of the values: `volt`, `ohm` or `arbitrary`.
     pub unit: UnitName,
     /// Electrodes `[a, b, m, n]` of each value; empty: in the order of the scene.
+    #[serde(deserialize_with = "bounded")]
     pub quadruples: Vec<Quadruple>,
     /// Amplitude of the drive current in ampere.
     #[serde(default)]
@@ -95,6 +98,7 @@ pub struct ReferenceRecord {
     /// Epoch in which it holds.
     pub epoch: u32,
     /// Its values, in the order of the frames; `null` where one is not finite.
+    #[serde(deserialize_with = "bounded")]
     pub values: Vec<Option<f64>>,
 }
 
@@ -105,6 +109,7 @@ pub struct TouchesRecord {
     /// Sequence of the frame.
     pub sequence: u64,
     /// The touches.
+    #[serde(deserialize_with = "bounded")]
     pub touches: Vec<TouchRecord>,
 }
 

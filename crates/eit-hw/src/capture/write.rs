@@ -3,21 +3,25 @@
 //! Long because new recordings, those that are gone on with, and every kind of message keep one file
 //! and its counts in step.
 
+#[cfg(test)]
+#[allow(clippy::unwrap_used, clippy::print_stdout, reason = "a panic is a failed test")]
+mod power;
 mod sink;
+mod storage;
 
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
-use std::io::{Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use mcap::records::MessageHeader;
 use mcap::{Compression, McapError, WriteOptions, Writer};
 
+pub use self::storage::CutTail;
+
 use self::sink::Sink;
-use super::container::{MAGIC, container_error};
+use self::storage::Storage;
+use super::container::container_error;
 use super::entry::{Entry, Topic};
 use super::json::FrameJson;
 use super::record::{NoteJson, ReferenceRecord, SessionRecord, TouchesRecord};
@@ -48,16 +52,20 @@ impl Default for CaptureSettings {
 /// [`finish`](Self::finish) writes the index. Without it, as after a crash, the recording is read
 /// by going through it.
 pub struct CaptureWriter {
-    // dropped first, so that the file ends before anything else
     writer: Writer<Sink>,
-    /// The same file, for forcing.
-    file: File,
-    /// Its length when it last ended with a whole chunk.
+    /// What the container has written and the file has not.
+    sink: Sink,
+    file: Box<dyn Storage>,
+    /// The length of the file up to its last whole chunk.
     whole_bytes: u64,
     path: PathBuf,
+    /// What was cut off to go on with it.
+    cut: Option<CutTail>,
     settings: CaptureSettings,
     channels: [u16; Topic::ALL.len()],
     counts: [u32; Topic::ALL.len()],
+    /// Log time of the last message, which does not go back.
+    log_time_ns: u64,
     /// When the open chunk began.
     open_since: Option<Instant>,
     json: Vec<u8>,
@@ -77,59 +85,59 @@ impl CaptureWriter {
         settings: CaptureSettings,
     ) -> Result<Self, HwError> {
         check(settings)?;
-        let file = OpenOptions::new().write(true).create_new(true).open(path);
-        let file = file.map_err(|source| HwError::Write { place: Place::file(path), source })?;
-        let mut capture = Self::on(file, path, settings, false)?;
-        capture.session(session)?;
-        capture.flush()?;
-        Ok(capture)
+        let file = storage::create(path, settings.sync)?;
+        Self::begin(Self::on(Box::new(file), path, settings, 0)?, session)
     }
 
     /// Goes on with a recording, also one that was cut by a crash: its index and what is no whole
-    /// chunk are cut off its end. A recording that was gone on with is whole, but has no index:
+    /// chunk are cut off its end, never a whole chunk, and what was cut and is no index is kept beside
+    /// it ([`cut_tail`](Self::cut_tail)). A recording that was gone on with is whole, but has no index:
     /// tools read it from its beginning. Reads the whole file once, in little memory.
     ///
     /// # Errors
-    /// As [`create`](Self::create) and [`read`](super::read); [`HwError::Container`] where what it
-    /// holds was measured otherwise (measurements, unit, current), or where more would be cut off
-    /// than an unfinished chunk and an index can be.
+    /// As [`create`](Self::create) and [`read`](super::read); [`HwError::Busy`] where another program
+    /// records to it; [`HwError::Container`] where what it holds was measured otherwise (measurements,
+    /// unit, current).
     pub fn append(
         path: &Path,
         session: &SessionRecord,
         settings: CaptureSettings,
     ) -> Result<Self, HwError> {
         check(settings)?;
-        same_set_up(path, session)?;
-        let whole = CaptureReader::open(path)?.whole_bytes()?;
-        let failed = |source| HwError::Write { place: Place::file(path), source };
-        let mut file = OpenOptions::new().write(true).open(path).map_err(failed)?;
-        let cut = file.metadata().map_err(failed)?.len().saturating_sub(whole);
-        if cut > MOST_CUT_BYTES {
-            return Err(HwError::Container {
-                place: Place::file(path),
-                what: format!("{cut} bytes after a damaged record would be lost"),
-                mend: "record into another file",
-            });
+        let mut file = storage::open(path)?;
+        let length = file.metadata().map(|data| data.len());
+        let length = length.map_err(|source| HwError::Read { place: Place::file(path), source })?;
+        if length == 0 {
+            // a program that was killed before it wrote anything
+            return Self::begin(Self::on(Box::new(file), path, settings, 0)?, session);
         }
-        // not even its head was whole
-        let goes_on = whole > MAGIC.len() as u64;
-        let end = if goes_on { whole } else { 0 };
-        file.set_len(end).and_then(|()| file.seek(SeekFrom::Start(end))).map_err(failed)?;
-        let mut capture = Self::on(file, path, settings, goes_on)?;
+        let mut reader = CaptureReader::new(BufReader::with_capacity(1 << 16, &file), path)?;
+        same_set_up(&mut reader, path, session)?;
+        let (whole, damage) = (reader.whole_bytes(), reader.damage());
+        let (whole, cut) = storage::cut_tail(&mut file, path, whole, damage)?;
+        let mut capture = Self::on(Box::new(file), path, settings, whole)?;
+        capture.cut = cut;
+        Self::begin(capture, session)
+    }
+
+    /// What was cut off the end of the recording that is gone on with, beside its index.
+    pub fn cut_tail(&self) -> Option<&CutTail> {
+        self.cut.as_ref()
+    }
+
+    fn begin(mut capture: Self, session: &SessionRecord) -> Result<Self, HwError> {
         capture.session(session)?;
         capture.flush()?;
         Ok(capture)
     }
 
+    /// Writes behind the `whole_bytes` of a file; 0: a new one.
     fn on(
-        mut file: File,
+        file: Box<dyn Storage>,
         path: &Path,
         settings: CaptureSettings,
-        goes_on: bool,
+        whole_bytes: u64,
     ) -> Result<Self, HwError> {
-        let failed = |source| HwError::Write { place: Place::file(path), source };
-        let whole_bytes = file.stream_position().map_err(failed)?;
-        let same = file.try_clone().map_err(failed)?;
         let library = concat!("eit-hw ", env!("CARGO_PKG_VERSION"));
         // a chunk is put together in memory and written in one go: no seeking back
         let mut options = WriteOptions::new()
@@ -137,6 +145,7 @@ impl CaptureWriter {
             .chunk_size(Some(1 << 20))
             .disable_seeking(true)
             .library(library);
+        let goes_on = whole_bytes > 0;
         if goes_on {
             // an index and a checksum of a part would be taken for those of the whole
             options = options
@@ -145,10 +154,12 @@ impl CaptureWriter {
                 .calculate_data_section_crc(false);
         }
         let error = |error| write_error(path, error);
-        let is_silent = Arc::new(AtomicBool::new(goes_on));
-        let sink = Sink { file, is_silent: Arc::clone(&is_silent) };
-        let mut writer = options.create(sink).map_err(error)?;
-        is_silent.store(false, Ordering::Relaxed);
+        let sink = Sink::default();
+        let mut writer = options.create(sink.clone()).map_err(error)?;
+        if goes_on {
+            // what begins every container is there already
+            sink.drain(|_| ());
+        }
         let mut channels = [0; Topic::ALL.len()];
         let no_metadata = BTreeMap::new();
         for (topic, channel) in Topic::ALL.into_iter().zip(&mut channels) {
@@ -159,12 +170,15 @@ impl CaptureWriter {
         }
         Ok(Self {
             writer,
-            file: same,
+            sink,
+            file,
             whole_bytes,
             path: path.to_path_buf(),
+            cut: None,
             settings,
             channels,
             counts: [0; Topic::ALL.len()],
+            log_time_ns: 0,
             open_since: None,
             json: Vec::new(),
             finished: false,
@@ -241,25 +255,37 @@ impl CaptureWriter {
         self.json.clear();
         write(&mut self.json).map_err(|error| container_error(Place::file(&self.path), &error))?;
         let log_time_ns = u64::try_from(log_time.as_nanos()).unwrap_or(u64::MAX);
+        // tools sort by it: a clock that is set back must not mix frames up
+        self.log_time_ns = self.log_time_ns.max(log_time_ns);
         let header = MessageHeader {
             channel_id: self.channels[index],
             sequence: self.counts[index],
-            log_time: log_time_ns,
+            log_time: self.log_time_ns,
             publish_time: log_time_ns,
         };
         self.counts[index] = self.counts[index].wrapping_add(1);
+        if self.finished {
+            return Err(write_error(&self.path, McapError::AttemptedWriteAfterFailure));
+        }
         let written = self.writer.write_to_known_channel(&header, &self.json);
-        self.checked(written)?;
+        self.packed(written)?;
         self.open_since.get_or_insert_with(Instant::now);
         self.tick()
     }
 
-    /// After a failure, such as a full disk, the file is cut to its last whole chunk, and stays so.
-    fn checked<T>(&mut self, written: Result<T, McapError>) -> Result<T, HwError> {
+    /// Puts what the container has packed into the file. After a failure, such as a full disk, the
+    /// file is cut to its last whole chunk, and stays so.
+    fn packed<T>(&mut self, packed: Result<T, McapError>) -> Result<T, HwError> {
+        let Self { sink, file, whole_bytes, .. } = self;
+        let written = packed.and_then(|packed| {
+            let append = |bytes: &[u8]| file.append(bytes).map(|()| bytes.len() as u64);
+            *whole_bytes += sink.drain(append).transpose()?.unwrap_or(0);
+            Ok(packed)
+        });
         written.map_err(|error| {
             self.finished = true;
             // where even that fails, a reader leaves the cut chunk out by itself
-            let _ = self.file.set_len(self.whole_bytes);
+            let _ = self.file.cut(self.whole_bytes);
             write_error(&self.path, error)
         })
     }
@@ -282,14 +308,14 @@ impl CaptureWriter {
     /// [`HwError::Write`].
     pub fn flush(&mut self) -> Result<(), HwError> {
         self.open_since = None;
-        let written = self.writer.flush();
-        self.checked(written)?;
+        let packed = self.writer.flush();
+        self.packed(packed)?;
+        if self.settings.sync { self.sync() } else { Ok(()) }
+    }
+
+    fn sync(&mut self) -> Result<(), HwError> {
         let failed = |source| HwError::Write { place: Place::file(&self.path), source };
-        if self.settings.sync {
-            self.file.sync_data().map_err(failed)?;
-        }
-        self.whole_bytes = self.file.metadata().map_err(failed)?.len();
-        Ok(())
+        self.file.sync().map_err(failed)
     }
 
     /// Ends the recording with its index, forced to the disk.
@@ -299,49 +325,55 @@ impl CaptureWriter {
     pub fn finish(mut self) -> Result<(), HwError> {
         self.flush()?;
         self.finished = true;
-        let written = self.writer.finish();
-        self.checked(written)?;
-        self.file
-            .sync_data()
-            .map_err(|source| HwError::Write { place: Place::file(&self.path), source })
+        let packed = self.writer.finish();
+        self.packed(packed)?;
+        self.sync()
     }
 }
 
-/// Most that is cut off a recording to go on with it: an unfinished chunk is one or two of these, the
-/// index of a day less.
-const MOST_CUT_BYTES: u64 = 16 << 20;
-
-/// Refuses to go on with a recording of another set-up: nothing could read the whole.
-fn same_set_up(path: &Path, session: &SessionRecord) -> Result<(), HwError> {
-    let mut reader = CaptureReader::open(path)?;
-    let found = loop {
-        match reader.next_entry()? {
-            Some(Entry::Session(found)) => break found,
-            Some(_) => {}
-            None => return Ok(()),
-        }
-    };
-    let differs = if found.quadruples != session.quadruples {
-        "measurements"
-    } else if found.unit != session.unit {
-        "the unit"
-    } else if found.current_a != session.current_a {
-        "the current"
-    } else {
-        return Ok(());
-    };
-    Err(HwError::Container {
+/// Reads all of a recording and refuses to go on with one of another set-up: nothing could read the
+/// whole.
+fn same_set_up<R: Read + Seek>(
+    reader: &mut CaptureReader<R>,
+    path: &Path,
+    session: &SessionRecord,
+) -> Result<(), HwError> {
+    let differs = |what: String| HwError::Container {
         place: Place::file(path),
-        what: format!("{differs} of what it holds differ from those to come"),
+        what: format!("{what} of what it holds differ from those to come"),
         mend: "record each set-up in a file of its own",
-    })
+    };
+    while let Some(entry) = reader.next_entry()? {
+        match entry {
+            Entry::Session(found) if found.quadruples != session.quadruples => {
+                return Err(differs("measurements".into()));
+            }
+            Entry::Session(found) if found.unit != session.unit => {
+                return Err(differs("the unit".into()));
+            }
+            Entry::Session(found) if found.current_a != session.current_a => {
+                return Err(differs("the current".into()));
+            }
+            Entry::Frame(frame)
+                if !session.quadruples.is_empty()
+                    && frame.values.len() != session.quadruples.len() =>
+            {
+                let (found, wanted) = (frame.values.len(), session.quadruples.len());
+                return Err(differs(format!("{found} values a frame, not {wanted}: those")));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 impl Drop for CaptureWriter {
     fn drop(&mut self) {
         if !self.finished {
+            self.finished = true;
+            let packed = self.writer.finish();
             // nobody is there to hear of a failure
-            let _ = self.writer.finish();
+            let _ = self.packed(packed);
         }
     }
 }

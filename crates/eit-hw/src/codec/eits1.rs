@@ -24,7 +24,7 @@ pub const HEADER_BYTES: usize = 20;
 /// measurements with a flag each, take 8 400 bytes.
 pub const MAX_MESSAGE_BYTES: usize = 16_384;
 
-const CRC_BYTES: usize = 4;
+pub(crate) const CRC_BYTES: usize = 4;
 /// CRC-32C, check value E3069283 over "123456789".
 const CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISCSI);
 

@@ -31,6 +31,9 @@ pub enum Decoded<'a> {
     },
     /// A text message from the instrument.
     Notice(&'a str),
+    /// The count of frames has begun anew, or jumped farther than frames can have been lost; the set-up
+    /// holds.
+    Renumbered,
     /// The instrument has restarted and lost its set-up.
     Restarted,
 }

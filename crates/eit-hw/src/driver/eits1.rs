@@ -4,18 +4,25 @@ mod meaning;
 
 use std::time::{Duration, Instant};
 
-use self::meaning::{fill, reason, text, unwrapped};
+use self::meaning::{Count, Counted, fill, reason, text};
 use super::decoded::{Decoded, RawFrame};
 use super::interface::Driver;
 use super::setup::{Identity, Limits, Setup};
-use crate::codec::eits1::{Configuration, Decoder, Event, Information, Kind, Message, encode};
+use crate::codec::eits1::{
+    CRC_BYTES, Configuration, Decoder, Event, HEADER_BYTES, Information, Kind, Message, encode,
+};
 use crate::error::HwError;
 use crate::frame::{Quadruple, Quality};
 use crate::recording::Layout;
-use crate::transport::Link;
+use crate::transport::{Endpoint, Link};
 
-/// One answer must come within this.
+/// One answer must come within this, beside the time that command and answer take on the line.
 const ANSWER_LIMIT: Duration = Duration::from_millis(500);
+/// Bits of a byte on a serial line.
+const BITS: f64 = 10.0;
+/// A line is no slower than this after the first attempt: an adapter may be set to another rate than it
+/// has on its other side.
+const SLOWEST_BAUD: u32 = 9600;
 /// So often a command is sent: each is idempotent, and a byte of it may be lost.
 const ATTEMPTS: u32 = 4;
 /// What a device may round its settings by, relative.
@@ -31,8 +38,9 @@ pub struct Eits1 {
     decoder: Decoder,
     command: u32,
     complex: bool,
-    /// Last sequence and the count that it stands for.
-    last: Option<(u32, u64)>,
+    count: Count,
+    /// When the last frame came, for how many can have been lost since.
+    came: Option<Instant>,
     values: Vec<f64>,
     imaginary: Vec<f64>,
     quality: Vec<Quality>,
@@ -69,7 +77,8 @@ impl Eits1 {
             decoder: Decoder::new(),
             command: 0,
             complex: false,
-            last: None,
+            count: Count::default(),
+            came: None,
             values: vec![0.0; count],
             imaginary: Vec::new(),
             quality: vec![Quality::GOOD; count],
@@ -82,21 +91,27 @@ impl Eits1 {
         let Command { kind, payload, answer: wanted, purpose } = *command;
         let mut buffer = [0; 4096];
         self.early.clear();
-        for _ in 0..ATTEMPTS {
+        let first = self.command.wrapping_add(1);
+        let mut waited = Duration::ZERO;
+        for attempt in 0..ATTEMPTS {
             self.command = self.command.wrapping_add(1);
             let sequence = self.command;
             send(link, kind, sequence, payload)?;
             let sent = Instant::now();
-            while sent.elapsed() < ANSWER_LIMIT {
+            let limit = answer_limit(link.endpoint(), attempt, payload.len(), wanted);
+            waited += limit;
+            // each attempt is the same command: a late answer to an earlier one will do
+            let is_ours = |number: u32| number.wrapping_sub(first) <= sequence.wrapping_sub(first);
+            while sent.elapsed() < limit {
                 let received = link.read(&mut buffer)?;
                 let (mut answer, mut refusal) = (None, None);
                 let mut bytes = buffer[..received].iter();
                 for byte in bytes.by_ref() {
                     self.decoder.push(&[*byte], &mut |event| match event {
-                        Event::Message(m) if m.sequence == sequence && m.kind == wanted => {
+                        Event::Message(m) if is_ours(m.sequence) && m.kind == wanted => {
                             answer = Some(m.payload.to_vec());
                         }
-                        Event::Message(m) if m.sequence == sequence && m.kind == Kind::Refusal => {
+                        Event::Message(m) if is_ours(m.sequence) && m.kind == Kind::Refusal => {
                             refusal = Some(reason(m.payload));
                         }
                         _ => {}
@@ -115,16 +130,14 @@ impl Eits1 {
                 }
             }
         }
-        Err(HwError::NoReply {
-            endpoint: link.endpoint().to_string(),
-            driver: "eits1",
-            wanted: match wanted {
-                Kind::Information => "EITS-1 information",
-                Kind::Configuration => "EITS-1 configuration",
-                _ => "EITS-1 acknowledgement",
-            },
-            waited_s: ANSWER_LIMIT.as_secs_f64() * f64::from(ATTEMPTS),
-        })
+        let (endpoint, waited_s) = (link.endpoint().to_string(), waited.as_secs_f64());
+        if wanted == Kind::Information {
+            let wanted = "EITS-1 information";
+            return Err(HwError::NoReply { endpoint, driver: "eits1", wanted, waited_s });
+        }
+        // it has said who it is: neither driver nor baud rate are wrong
+        let bytes = HEADER_BYTES + payload.len() + CRC_BYTES;
+        Err(HwError::Unanswered { endpoint, command: purpose, bytes, waited_s })
     }
 
     fn read_back(&self, link: &Link, found: &Configuration) -> Result<(), HwError> {
@@ -170,6 +183,22 @@ impl Command<'static> {
     fn without_payload(kind: Kind, answer: Kind, purpose: &'static str) -> Self {
         Self { kind, payload: &[], answer, purpose }
     }
+}
+
+/// How long to wait for an answer: command and answer take their time on a serial line.
+fn answer_limit(endpoint: &Endpoint, attempt: u32, payload: usize, wanted: Kind) -> Duration {
+    let Endpoint::Serial { baud, .. } = endpoint else { return ANSWER_LIMIT };
+    let answer = match wanted {
+        Kind::Configuration => payload,
+        // two texts of at most 255 bytes
+        Kind::Information => 64,
+        _ => 8,
+    };
+    let baud = if attempt == 0 { *baud } else { (*baud).min(SLOWEST_BAUD) };
+    let bytes = 2 * (HEADER_BYTES + CRC_BYTES + 8) + payload + answer;
+    // COBS adds a byte in 254, the device its own time
+    let line_s = 1.1 * BITS * bytes as f64 / f64::from(baud.max(1));
+    ANSWER_LIMIT + Duration::from_secs_f64(line_s)
 }
 
 fn send(link: &mut Link, kind: Kind, sequence: u32, payload: &[u8]) -> Result<(), HwError> {
@@ -220,11 +249,7 @@ impl Driver for Eits1 {
         self.imaginary = vec![0.0; if self.complex { count } else { 0 }];
         let full_scale = f64::from(information.full_scale);
         Ok(Setup {
-            identity: Identity {
-                driver: "eits1",
-                name: information.name,
-                serial: information.serial,
-            },
+            identity: Identity::told("eits1", &information.name, &information.serial),
             layout: Layout::Quadruples(
                 self.configuration.quadruples.iter().map(|q| q.map(u32::from)).collect(),
             ),
@@ -241,13 +266,14 @@ impl Driver for Eits1 {
     }
 
     fn start(&mut self, link: &mut Link) -> Result<(), HwError> {
-        self.last = None;
+        (self.count, self.came) = (Count::default(), None);
         let start = Command::without_payload(Kind::Start, Kind::Acknowledgement, "start");
         self.ask(link, &start).map(|_| ())
     }
 
     fn receive(&mut self, bytes: &[u8], on_decoded: &mut dyn FnMut(Decoded<'_>)) {
-        let Self { decoder, last, values, imaginary, quality, complex, early, .. } = self;
+        let Self { decoder, count, came, values, imaginary, quality, complex, early, .. } = self;
+        let rate_hz = f64::from(self.configuration.frame_rate_hz);
         let mut on_event = |event: Event<'_>| {
             let message = match event {
                 Event::Damaged { bytes, .. } => {
@@ -263,13 +289,19 @@ impl Driver for Eits1 {
                 _ => return,
             }
             let size = message.payload.len() as u64;
-            let Some(counter) = unwrapped(last, message.sequence) else {
-                // an older frame, or the same again
-                return on_decoded(Decoded::Damaged { bytes: size });
-            };
             if message.measurements() != values.len() || message.is_complex() != *complex {
                 return on_decoded(Decoded::Damaged { bytes: size });
             }
+            let waited_s = came.replace(Instant::now()).map_or(0.0, |t| t.elapsed().as_secs_f64());
+            let counter = match count.take(message.sequence, rate_hz * waited_s) {
+                Counted::Frame(counter) => counter,
+                Counted::PassedOver => return on_decoded(Decoded::Damaged { bytes: size }),
+                Counted::Renumbered { count, passed_over } => {
+                    (0..passed_over).for_each(|_| on_decoded(Decoded::TruncatedFrame));
+                    on_decoded(Decoded::Renumbered);
+                    count
+                }
+            };
             fill(&message, values, imaginary, quality);
             on_decoded(Decoded::Frame(RawFrame {
                 values,

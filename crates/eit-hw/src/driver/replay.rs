@@ -15,10 +15,14 @@ pub enum Pace {
     /// Each frame when it is asked for: as fast as the consumer, or step by step.
     #[default]
     OnDemand,
-    /// This many times the recorded speed, by the clock of the host, else by that of the
-    /// instrument; 1 is real time. Frames without any clock come when they are asked for.
+    /// This many times the recorded speed, by the clock of the instrument, else by that of the host,
+    /// which may have been set meanwhile: its steps backwards and of more than ten seconds count for
+    /// nothing. 1 is real time. Frames without any clock come when they are asked for.
     Speed(f64),
 }
+
+/// Longer steps of the host's clock are those of somebody who sets it.
+const MOST_HOST_STEP_S: f64 = 10.0;
 
 /// Where a [`Replay`] takes its events from.
 type Events = Box<dyn Iterator<Item = Result<Event, HwError>> + Send>;
@@ -30,8 +34,8 @@ pub struct Replay {
     events: Events,
     map: Option<FrameMap>,
     pace: Pace,
-    /// When the first frame was told, and its recorded time.
-    start: Option<(Instant, f64)>,
+    /// When the first frame was told, the recorded time since, and that of the last frame.
+    start: Option<(Instant, f64, f64)>,
     /// An event that is not due yet.
     waiting: Option<Event>,
     last: Option<(u64, u32)>,
@@ -84,11 +88,7 @@ impl Replay {
             _ => Layout::Quadruples(session.quadruples.clone()),
         };
         let setup = Setup {
-            identity: Identity {
-                driver: "replay",
-                name: session.instrument.clone(),
-                serial: session.serial.clone(),
-            },
+            identity: Identity::told("replay", &session.instrument, &session.serial),
             layout,
             value_count: first.values.len(),
             complex: first.imaginary.is_some(),
@@ -186,9 +186,17 @@ impl Replay {
         if self.last.is_some_and(|(_, epoch)| epoch != frame.epoch) {
             self.start = None;
         }
-        let Some(time_s) = frame.host_time_s.or(frame.device_time_s) else { return Duration::ZERO };
-        let &mut (start, first_s) = self.start.get_or_insert((Instant::now(), time_s));
-        let after = Duration::try_from_secs_f64((time_s - first_s) / times).unwrap_or_default();
+        let most_s = if frame.device_time_s.is_some() { f64::INFINITY } else { MOST_HOST_STEP_S };
+        let time_s = frame.device_time_s.or(frame.host_time_s).filter(|time_s| time_s.is_finite());
+        let Some(time_s) = time_s else { return Duration::ZERO };
+        let (start, since_s, before_s) =
+            self.start.get_or_insert_with(|| (Instant::now(), 0.0, time_s));
+        let step_s = time_s - *before_s;
+        if (0.0..=most_s).contains(&step_s) {
+            *since_s += step_s;
+        }
+        *before_s = time_s;
+        let after = Duration::try_from_secs_f64(*since_s / times).unwrap_or_default();
         after.saturating_sub(start.elapsed())
     }
 

@@ -15,6 +15,14 @@ pub struct Identity {
     pub serial: String,
 }
 
+impl Identity {
+    /// What an instrument or a recording says of itself, on one line.
+    pub(crate) fn told(driver: &'static str, name: &str, serial: &str) -> Self {
+        let line = |text: &str| text.replace(char::is_control, "?");
+        Self { driver, name: line(name), serial: line(serial) }
+    }
+}
+
 impl fmt::Display for Identity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.name)?;

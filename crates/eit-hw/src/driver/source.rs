@@ -40,8 +40,9 @@ pub enum Event {
     },
     /// The instrument or driver says something.
     Notice(String),
-    /// Nothing has come for so long, though the connection stands. Told once.
-    Stalled {
+    /// No frame has come for so long, though the connection stands. Told once for each silence, after
+    /// [`SessionSettings::silence_s`](crate::driver::SessionSettings::silence_s).
+    Silent {
         /// For how long.
         for_s: f64,
     },
@@ -50,7 +51,8 @@ pub enum Event {
         /// What happened.
         reason: String,
     },
-    /// The instrument was found again and set up anew. A reference frame of another epoch does not
+    /// The instrument was found again and set up anew, or its count of frames has begun anew, as after a
+    /// brown-out. A reference frame of another epoch does not
     /// hold: contacts and gains may have changed.
     Reconnected {
         /// The new epoch, that of the frames that follow.
@@ -76,4 +78,6 @@ pub struct Statistics {
     pub damaged_bytes: u64,
     /// Times that the instrument was found again.
     pub reconnections: u32,
+    /// Seconds without a frame, those of each silence that was told.
+    pub silent_s: f64,
 }

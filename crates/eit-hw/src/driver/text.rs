@@ -9,13 +9,18 @@ use std::time::{Duration, Instant};
 use super::decoded::{Decoded, RawFrame};
 use super::interface::Driver;
 use super::setup::{Identity, Limits, Setup};
-use crate::codec::text::{Decoder, Event};
+use crate::codec::text::{Decoder, Event, Fault};
 use crate::error::HwError;
+use crate::recording::hint::CountHint;
 use crate::transport::Link;
 
 /// An answer to a step must come within this.
 const ANSWER_LIMIT: Duration = Duration::from_millis(1500);
 const ATTEMPTS: u32 = 3;
+/// So many lines that are alike in their count show what a board sends.
+const ALIKE: usize = 2;
+/// Lines whose numbers are counted until the first frame.
+const MOST_COUNTED: usize = 64;
 
 impl Board {
     /// The driver of this board.
@@ -41,7 +46,7 @@ impl Board {
             });
         }
         let decoder = Decoder::new(self.format.clone())?;
-        Ok(Box::new(Text { board: self, decoder, asked: None }))
+        Ok(Box::new(Text { board: self, decoder, asked: None, line_counts: Vec::new() }))
     }
 }
 
@@ -50,6 +55,8 @@ struct Text {
     decoder: Decoder,
     /// When the open request was sent.
     asked: Option<Instant>,
+    /// Numbers of whole lines that are no frame, the first ones.
+    line_counts: Vec<usize>,
 }
 
 impl Text {
@@ -78,6 +85,27 @@ impl Text {
         })
     }
 
+    /// The error of a board whose whole lines have another number of values, several of them alike.
+    fn line_count(&mut self, link: &Link) -> Result<(), HwError> {
+        self.line_counts.sort_unstable();
+        let runs = self.line_counts.chunk_by(|one, other| one == other);
+        let Some(run) = runs.max_by_key(|run| run.len()).filter(|run| run.len() >= ALIKE) else {
+            return Ok(());
+        };
+        let format = &self.board.format;
+        let (found, wanted) = (run[0], format.measurements());
+        let lines = format.lines_per_frame.max(1);
+        let step = if format.complex { 2 } else { 1 };
+        let hint = CountHint::of(found * lines / step, 1, wanted, None);
+        Err(HwError::LineCount {
+            endpoint: link.endpoint().to_string(),
+            found,
+            wanted,
+            wanted_numbers: format.values_per_line,
+            hint,
+        })
+    }
+
     fn first_frame(&mut self, link: &mut Link) -> Result<(), HwError> {
         let mut buffer = [0; 4096];
         let (start, mut whole) = (Instant::now(), false);
@@ -91,6 +119,7 @@ impl Text {
                 return Ok(());
             }
         }
+        self.line_count(link)?;
         Err(HwError::NoReply {
             endpoint: link.endpoint().to_string(),
             driver: "text",
@@ -108,6 +137,7 @@ impl Driver for Text {
     fn connect(&mut self, link: &mut Link) -> Result<Setup, HwError> {
         self.decoder.reset(false);
         self.asked = None;
+        self.line_counts.clear();
         // a board that streams by itself never gets quiet
         link.drain(Duration::from_millis(100), Duration::from_millis(300))?;
         for step in self.board.steps.clone() {
@@ -136,7 +166,7 @@ impl Driver for Text {
     }
 
     fn receive(&mut self, bytes: &[u8], on_decoded: &mut dyn FnMut(Decoded<'_>)) {
-        let asked = &mut self.asked;
+        let (asked, counts) = (&mut self.asked, &mut self.line_counts);
         self.decoder.push(bytes, &mut |event| match event {
             Event::Frame { values, imaginary, quality } => {
                 *asked = None;
@@ -149,8 +179,13 @@ impl Driver for Text {
                     device_time_s,
                 }));
             }
-            Event::Skipped(_) => {
+            Event::Skipped(fault) => {
                 *asked = None;
+                if let Fault::Values { found, .. } = fault
+                    && counts.len() < MOST_COUNTED
+                {
+                    counts.push(found);
+                }
                 on_decoded(Decoded::TruncatedFrame);
             }
             // rows of numbers outside of a frame are its cut rest

@@ -25,9 +25,9 @@ pub struct FaultPlan {
     pub unplug_after_bytes: Vec<u64>,
     /// It is plugged in again after so long.
     pub unplugged_s: f64,
-    /// Rate of the instrument's serial line in bits a second: a host that opens the
-    /// pseudo-terminal with another one sends and receives garbage. `None`: any rate will do, as
-    /// with USB.
+    /// Rate of the instrument's serial line in bits a second: bytes take their time on it, and a host
+    /// that opens the pseudo-terminal with another rate sends and receives garbage. `None`: any rate
+    /// will do, as with USB.
     pub line_baud: Option<u32>,
 }
 

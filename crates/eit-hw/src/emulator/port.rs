@@ -185,13 +185,24 @@ impl Drop for Host {
 
 fn accept(listener: Option<&TcpListener>, stream: &mut Option<TcpStream>) {
     let Some(Ok((new, _))) = listener.map(TcpListener::accept) else { return };
-    // the newest host is served: an old one may hang half open
+    // one host is served, like on a serial line; the next one once it has gone
+    if stream.as_ref().is_some_and(is_there) {
+        return;
+    }
     let ready = new
         .set_nonblocking(false)
         .and_then(|()| new.set_nodelay(true))
         .and_then(|()| new.set_read_timeout(Some(POLL)))
         .and_then(|()| new.set_write_timeout(Some(POLL)));
     *stream = ready.is_ok().then_some(new);
+}
+
+/// Whether the other side of a connection is still there.
+fn is_there(stream: &TcpStream) -> bool {
+    match stream.peek(&mut [0]) {
+        Ok(count) => count > 0,
+        Err(error) => is_wait(&error),
+    }
 }
 
 fn is_wait(error: &io::Error) -> bool {

@@ -2,10 +2,15 @@
 
 mod finding;
 mod measure;
+mod resolution;
+
+pub use resolution::Resolution;
 
 pub use finding::{Finding, Severity, Trouble, Verdict};
 
 use self::measure::{drift, finite_median, flagged_shares, median, noise_std, open_electrodes};
+use ndarray::ArrayView1;
+
 use super::order::reciprocity_error;
 use crate::error::{HwError, Place};
 use crate::frame::{Quadruple, Quality};
@@ -62,6 +67,8 @@ pub struct HealthReport {
     pub drift: Vec<f64>,
     /// Median over the measurements of 20 lg(|mean| / noise), in dB.
     pub signal_to_noise_db: Option<f64>,
+    /// How finely values are told apart; `None` where nothing changes.
+    pub resolution: Option<Resolution>,
     /// Frames a second by the instrument's clock.
     pub frame_rate_hz: Option<f64>,
     /// Lost frames over all that were sent.
@@ -127,6 +134,7 @@ pub fn check_health(
         noise_std,
         drift,
         signal_to_noise_db,
+        resolution: Resolution::of(frames, &mean),
         frame_rate_hz: rate,
         lost_share: facts.lost_frames as f64 / (facts.lost_frames as f64 + found as f64),
         findings: Vec::new(),
@@ -206,14 +214,20 @@ fn findings(
     if lost > LOST_SHARE {
         findings.push(Finding::of_whole(Trouble::Loss { share: lost }));
     }
-    let stuck = frames
-        .quality
-        .columns()
-        .into_iter()
-        .zip(quadruples)
-        .find(|(column, _)| column.iter().any(|quality| quality.contains(Quality::STUCK)));
-    if let Some((_, quadruple)) = stuck {
-        findings.push(Finding::of_whole(Trouble::Stuck { first: *quadruple }));
+    let is_stuck = |column: &ArrayView1<'_, Quality>| {
+        column.iter().any(|quality| quality.contains(Quality::STUCK))
+    };
+    let columns = frames.quality.columns().into_iter().zip(quadruples);
+    let mut stuck = columns.filter(|(column, _)| is_stuck(column)).map(|(_, quadruple)| *quadruple);
+    if let Some(first) = stuck.next() {
+        let measurements = 1 + stuck.count();
+        findings.push(Finding::of_whole(Trouble::Stuck { measurements, first }));
+    }
+    if let Some(resolution) = report.resolution.filter(Resolution::is_coarse) {
+        let Resolution { step, steps_per_touch, still } = resolution;
+        let measurements = quadruples.len();
+        let trouble = Trouble::Coarse { step, steps_per_touch, still, measurements };
+        findings.push(Finding::of_whole(trouble));
     }
     if let (Some(rate), Some(wanted)) = (report.frame_rate_hz, facts.wanted_rate_hz)
         && (rate / wanted - 1.0).abs() > RATE_ERROR

@@ -56,7 +56,7 @@ pub fn measure_reference_frames(
             }
             Some(Event::Disconnected { reason }) => notices.push(reason),
             Some(Event::Notice(text)) => notices.push(text),
-            Some(Event::Stalled { for_s }) => {
+            Some(Event::Silent { for_s }) => {
                 notices.push(format!("no frame came for {for_s:.1} s"));
             }
             _ => {}

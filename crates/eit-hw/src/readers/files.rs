@@ -1,17 +1,32 @@
 //! Files of a recording: their bytes, their names, and the numbers in the names.
 
 use std::fs;
+use std::io::Read;
 use std::path::Path;
 
 use crate::error::{HwError, Place};
 use crate::recording::Note;
+use crate::regular::regular_file;
 
 /// Bytes of a file; a folder is an error of its own.
 pub(super) fn file_bytes(path: &Path, format: &'static str) -> Result<Vec<u8>, HwError> {
     if path.is_dir() {
         return Err(HwError::Folder { place: Place::file(path), format });
     }
-    fs::read(path).map_err(|source| HwError::Read { place: Place::file(path), source })
+    let failed = |source| HwError::Read { place: Place::file(path), source };
+    let mut bytes = Vec::new();
+    regular_file(path)?.read_to_end(&mut bytes).map_err(failed)?;
+    Ok(bytes)
+}
+
+/// Whether a file begins with these bytes.
+#[cfg(feature = "mcap")]
+pub(super) fn begins_with(path: &Path, start: &[u8]) -> Result<bool, HwError> {
+    let failed = |source| HwError::Read { place: Place::file(path), source };
+    let mut bytes = Vec::new();
+    let most = start.len() as u64;
+    regular_file(path)?.take(most).read_to_end(&mut bytes).map_err(failed)?;
+    Ok(bytes == start)
 }
 
 /// Names of the files of a folder, sorted. A name that is no text belongs to no format.

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use ndarray::{Array2, ShapeBuilder};
+use ndarray::{Array2, ArrayD, IxDyn, ShapeBuilder};
 
 use super::files::file_bytes;
 use super::table;
@@ -68,13 +68,7 @@ pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recordin
     let data = &bytes[first_byte..];
     let wanted = rows.checked_mul(columns).and_then(|count| count.checked_mul(kind.bytes()));
     if wanted != Some(data.len()) {
-        return Err(HwError::Count {
-            place: Place::byte(path, first_byte),
-            what: "bytes of data",
-            found: data.len(),
-            wanted: wanted.unwrap_or(usize::MAX),
-            mend: "the file is cut or holds more than one array: copy or save it anew",
-        });
+        return Err(wrong_size(path, first_byte, data.len(), wanted));
     }
     let stored = Stored { data, kind, rows, columns, fortran };
     let (real, alternating) =
@@ -93,6 +87,52 @@ pub fn parse(bytes: &[u8], path: &Path, options: &NpyOptions) -> Result<Recordin
     Ok(recording.with_missing())
 }
 
+/// Real numbers of an NPY file of any shape; `path` is for messages.
+///
+/// # Errors
+/// [`HwError`] as [`parse`], and for complex numbers.
+pub fn parse_array(bytes: &[u8], path: &Path) -> Result<ArrayD<f64>, HwError> {
+    let Header { first_byte, kind, fortran, shape } = Header::parse(bytes, path)?;
+    if kind.complex {
+        return Err(HwError::Field {
+            place: Place::file(path),
+            field: "type",
+            text: "complex".into(),
+            wanted: "real numbers",
+            mend: MEND,
+        });
+    }
+    let data = &bytes[first_byte..];
+    let count = shape.iter().try_fold(1_usize, |count, &size| count.checked_mul(size));
+    let wanted = count.and_then(|count| count.checked_mul(kind.bytes()));
+    if wanted != Some(data.len()) {
+        return Err(wrong_size(path, first_byte, data.len(), wanted));
+    }
+    let rows = count.unwrap_or_default();
+    let list = Stored { data, kind, rows, columns: 1, fortran }.list(0);
+    let shape = IxDyn(&shape).set_f(fortran);
+    let none = |_| HwError::NoFrames { place: Place::file(path), skipped: 0 };
+    ArrayD::from_shape_vec(shape, list).map_err(none)
+}
+
+/// [`parse_array`] of a file.
+///
+/// # Errors
+/// As [`parse_array`], and where the file cannot be read.
+pub fn read_array(path: &Path) -> Result<ArrayD<f64>, HwError> {
+    parse_array(&file_bytes(path, Format::Npy.name())?, path)
+}
+
+fn wrong_size(path: &Path, first_byte: usize, found: usize, wanted: Option<usize>) -> HwError {
+    HwError::Count {
+        place: Place::byte(path, first_byte),
+        what: "bytes of data",
+        found,
+        wanted: wanted.unwrap_or(usize::MAX),
+        mend: "the file is cut or holds more than one array: copy or save it anew",
+    }
+}
+
 /// The stored numbers, exactly `rows * columns` of them.
 struct Stored<'a> {
     data: &'a [u8],
@@ -105,14 +145,19 @@ struct Stored<'a> {
 impl Stored<'_> {
     /// Real (0) or imaginary (1) parts, [row, column].
     fn part(&self, part: usize, path: &Path) -> Result<Array2<f64>, HwError> {
-        let Self { data, kind, rows, columns, fortran } = *self;
+        let Self { rows, columns, fortran, .. } = *self;
+        let none = |_| HwError::NoFrames { place: Place::file(path), skipped: 0 };
+        Array2::from_shape_vec((rows, columns).set_f(fortran), self.list(part)).map_err(none)
+    }
+
+    fn list(&self, part: usize) -> Vec<f64> {
+        let Self { data, kind, rows, columns, .. } = *self;
         let mut list = Vec::with_capacity(rows * columns);
         for index in 0..rows * columns {
             let at = index * kind.bytes() + part * kind.size;
             list.push(kind.value(&data[at..at + kind.size]));
         }
-        let none = |_| HwError::NoFrames { place: Place::file(path), skipped: 0 };
-        Array2::from_shape_vec((rows, columns).set_f(fortran), list).map_err(none)
+        list
     }
 }
 

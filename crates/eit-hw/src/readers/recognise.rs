@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::files::file_names;
 use super::serial_log::{self, SerialLogOptions};
-use super::{csv, khu, npy, text};
+use super::{black_sensor, csv, khu, npy, text};
 use crate::error::{HwError, Place};
 use crate::recording::Format;
 
@@ -33,11 +33,14 @@ pub(super) fn file(
     if bytes.starts_with(npy::MAGIC) {
         return Ok(Format::Npy);
     }
-    if bytes.starts_with(b"\x89MCAP0\r\n") {
+    if bytes.starts_with(super::MCAP_MAGIC) {
         return Ok(Format::Mcap);
     }
     if bytes.starts_with(b"#MEAS") {
         return Ok(Format::Lct);
+    }
+    if black_sensor::is_log(bytes) {
+        return Ok(Format::BlackSensor);
     }
     if let Some(name) = path.file_name().and_then(|name| name.to_str())
         && khu::scan_number(name).is_some()

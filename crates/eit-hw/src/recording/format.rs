@@ -23,13 +23,15 @@ pub enum Format {
     Khu,
     /// Raw serial log of lines of decimals, see [`serial_log`](crate::serial_log).
     SerialLog,
+    /// Log of the board `black_sensor`, see [`black_sensor`](crate::black_sensor).
+    BlackSensor,
     /// Recording of a live instrument in MCAP; read with the feature `mcap`.
     Mcap,
 }
 
 impl Format {
     /// Every format.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Csv,
         Self::Npy,
         Self::Sciospec,
@@ -37,11 +39,12 @@ impl Format {
         Self::Lct,
         Self::Khu,
         Self::SerialLog,
+        Self::BlackSensor,
         Self::Mcap,
     ];
 
     /// Name in the scene file: `csv`, `npy`, `sciospec`, `goe`, `lct`, `khu`, `serial-log`,
-    /// `mcap`.
+    /// `black-sensor`, `mcap`.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Csv => "csv",
@@ -51,6 +54,7 @@ impl Format {
             Self::Lct => "lct",
             Self::Khu => "khu",
             Self::SerialLog => "serial-log",
+            Self::BlackSensor => "black-sensor",
             Self::Mcap => "mcap",
         }
     }

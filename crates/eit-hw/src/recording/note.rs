@@ -150,20 +150,25 @@ pub enum Note {
     Damaged {
         /// Chunks whose checksum or content is wrong.
         chunks: usize,
+        /// Chunks with a damaged head whose messages were read all the same.
+        mended: usize,
         /// Messages that cannot be read.
         messages: usize,
+        /// Bytes before a whole record that are none.
+        skipped_bytes: u64,
         /// Bytes at the end that are no whole record.
-        truncated_bytes: usize,
+        truncated_bytes: u64,
     },
 }
 
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Damaged { chunks, messages, truncated_bytes } => write!(
+            Self::Damaged { chunks, mended, messages, skipped_bytes, truncated_bytes } => write!(
                 f,
-                "damaged: {chunks} chunk(s) and {messages} message(s) left out, {truncated_bytes} bytes cut \
-                 off at the end"
+                "damaged: {chunks} chunk(s), {messages} message(s) and {skipped_bytes} bytes left out, \
+                 {mended} chunk(s) mended, {truncated_bytes} bytes cut off at the end; `eit recover` \
+                 writes a whole file"
             ),
             Self::MissingValues { values, frame, value } => write!(
                 f,

@@ -13,12 +13,14 @@ pub(super) fn advice(endpoint: &Endpoint, error: &io::Error) -> String {
     };
     match error.kind() {
         ErrorKind::Unsupported => "build eit-hw with its feature `serial`".into(),
-        ErrorKind::PermissionDenied => match group(path) {
+        ErrorKind::PermissionDenied => match group(path).filter(|group| !is_root(group)) {
             Some(group) => format!(
                 "let your user use serial ports: it must be in the group `{group}` (`sudo usermod \
                  -aG {group} $USER`, then log in anew)"
             ),
-            None => "let your user use serial ports".into(),
+            None => "ask the administrator to let your user use this port, by a udev rule that gives it \
+                     to a group for serial ports"
+                .into(),
         },
         // the library says "not found" of a port whose lock another program holds
         ErrorKind::NotFound | ErrorKind::ResourceBusy if path.exists() => {
@@ -42,6 +44,11 @@ fn group(path: &Path) -> Option<String> {
         (found == number).then(|| name.to_owned())
     });
     named.or(Some(number))
+}
+
+/// Who is in the group of the administrator may do anything: that is no way to use a port.
+fn is_root(group: &str) -> bool {
+    ["root", "wheel", "0"].contains(&group)
 }
 
 #[cfg(not(unix))]
@@ -69,9 +76,10 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn no_permission_names_the_group() {
+    fn no_permission_names_the_group_but_never_that_of_root() {
         // group 0 is `root` on every Linux
         let message = of("/dev/null", ErrorKind::PermissionDenied);
-        assert!(message.contains("in the group `root`"), "{message}");
+        assert!(!message.contains("usermod") && message.contains("udev"), "{message}");
+        assert!(is_root("root") && !is_root("dialout"));
     }
 }

@@ -519,7 +519,7 @@ fn row_10_a_trickle_and_a_stall() {
         }
     };
     let emulator = start(Meddled { device: eits1_device("7"), meddle }, FaultPlan::default());
-    let settings = SessionSettings { stall_s: 0.4, ..quick() };
+    let settings = SessionSettings { silence_s: 0.4, ..quick() };
     let driver = Box::new(Eits1::new(&rotated(8), 5.0, 1e-4, 0.0).unwrap());
     let session = Session::open(driver, emulator.endpoint(), settings).unwrap();
     let (begun, mut frames, mut stalls) = (Instant::now(), 0, 0);
@@ -530,7 +530,7 @@ fn row_10_a_trickle_and_a_stall() {
                 check_eits1(&frame);
                 frames += 1;
             }
-            Some(Event::Stalled { for_s }) => {
+            Some(Event::Silent { for_s }) => {
                 assert!(for_s >= 0.4);
                 stalls += 1;
             }
@@ -586,4 +586,90 @@ fn a_wrong_baud_rate_or_driver_is_told_by_what_comes() {
     let _first = eit_hw::Link::open(&at(115_200)).unwrap();
     let error = eit_hw::Link::open(&at(115_200)).unwrap_err().to_string();
     assert!(error.contains("another program uses the port"), "{error}");
+}
+
+/// A line as slow as its rate: the set-up's 858 or 3 700 bytes there and back take longer than half a
+/// second. The host may believe in another rate, as behind an adapter.
+#[cfg(unix)]
+#[test]
+fn a_set_up_takes_the_time_of_its_line() {
+    let device = |electrodes: u16, count: u16| {
+        let information = Information {
+            electrodes,
+            max_measurements: count,
+            max_frame_rate_hz: 100.0,
+            full_scale: f32::INFINITY,
+            unit: Unit::Volt,
+            complex: false,
+            name: "slow".into(),
+            serial: "7".into(),
+        };
+        let source = |_: u64, _: &[Quadruple], values: &mut [f64]| values.fill(0.5);
+        Box::new(Eits1Device::new(information, Box::new(source)))
+    };
+    for (electrodes, baud) in [(16, 9600), (16, 19_200), (32, 57_600), (32, 115_200)] {
+        let folder = tempfile::tempdir().unwrap();
+        let listen = Listen::PseudoTerminal(folder.path().join("skin"));
+        let plan = FaultPlan { line_baud: Some(baud), ..FaultPlan::default() };
+        let quadruples = rotated(electrodes);
+        let count = quadruples.len() as u16;
+        let emulator = Emulator::start(device(electrodes as u16, count), &listen, plan).unwrap();
+        let Endpoint::Serial { path, .. } = emulator.endpoint().clone() else { panic!("serial") };
+        let mut driver = Eits1::new(&quadruples, 0.5, 1e-4, 0.0).unwrap();
+        let begun = Instant::now();
+        let endpoint = Endpoint::Serial { path, baud, dtr: None };
+        let setup = identify(&mut driver, &endpoint);
+        let took_s = begun.elapsed().as_secs_f64();
+        assert_eq!(setup.unwrap().value_count, quadruples.len());
+        // the bytes there and back, at least: the line is as slow as it says
+        let line_s = 2.0 * 4.0 * quadruples.len() as f64 * 10.0 / f64::from(baud);
+        assert!(took_s > 0.9 * line_s && took_s < 20.0, "{electrodes} at {baud}: {took_s:.2} s");
+    }
+}
+
+/// Who has said who it is and then says nothing more is not told to change its baud rate.
+#[test]
+fn an_instrument_that_falls_silent_in_the_set_up_is_told_so() {
+    struct Deaf(Eits1Device);
+    impl Device for Deaf {
+        fn receive(&mut self, bytes: &[u8], now: Duration, out: &mut Vec<u8>) {
+            // long commands do not fit its buffer
+            if bytes.len() < 64 {
+                self.0.receive(bytes, now, out);
+            }
+        }
+        fn poll(&mut self, now: Duration, out: &mut Vec<u8>) {
+            self.0.poll(now, out);
+        }
+        fn power_cycle(&mut self) {
+            self.0.power_cycle();
+        }
+    }
+    let emulator = start(Deaf(eits1_device("7")), FaultPlan::default());
+    let mut driver = Eits1::new(&rotated(8), 5.0, 1e-4, 0.0).unwrap();
+    let error = identify(&mut driver, emulator.endpoint()).unwrap_err().to_string();
+    assert!(error.contains("said who it is, but did not answer"), "{error}");
+    assert!(error.contains("use the configuration") && !error.contains("baud"), "{error}");
+}
+
+/// Whole lines of another count: both counts and the electrodes that would fit.
+#[test]
+fn a_board_of_other_electrodes_is_told_by_both_counts() {
+    let layout = |count| eit_hw::Layout::Quadruples(rotated(count));
+    let format =
+        |count| eit_hw::codec::text::TextFormat { values_per_line: count, ..Default::default() };
+    let of = |electrodes: u32| Board {
+        layout: layout(electrodes),
+        format: format(rotated(electrodes).len()),
+        first_frame_s: 0.6,
+        ..Board::preset("serial-16").unwrap()
+    };
+    let values = |_: u64, _: &[Quadruple], values: &mut [f64]| values.fill(0.5);
+    let device = BoardDevice::new(of(16), 20.0, Box::new(values));
+    let emulator = start(device, FaultPlan::default());
+    let wanted = Board { steps: Vec::new(), request: None, ..of(8) };
+    let error = identify(&mut *wanted.driver().unwrap(), emulator.endpoint()).unwrap_err();
+    assert!(matches!(error, HwError::LineCount { found: 208, wanted: 40, .. }), "{error}");
+    let error = error.to_string();
+    assert!(error.contains("208") && error.contains("40") && error.contains("16"), "{error}");
 }

@@ -6,7 +6,6 @@
 //! | `frame` | one frame: rounds of iterations, looks, budgets |
 //! | `iterate`, `map` | the iteration; its step sizes and exact data step |
 //! | `value`, `bound`, `proof` | objective of a candidate; lower bound; the flow that proves it |
-//! | `seen` | data of the channels that a frame has |
 //! | `fields`, `differences`, `lanes` | arrays, gradient and inner loops over them |
 
 mod bound;
@@ -17,10 +16,11 @@ mod iterate;
 mod lanes;
 mod map;
 mod proof;
-mod seen;
 mod settings;
 mod stream;
 mod value;
+
+use super::data::seen;
 
 pub use settings::{CausalDual, CausalSettings, CausalStep};
 pub use stream::CausalStream;

@@ -13,19 +13,40 @@
 //! h(p) = sum lower p where p < 0, upper p where p > 0
 //! ```
 //!
-//! An iterate fulfils the balls but the equation only nearly: its error `e` is removed exactly by a
+//! An iterate fulfils the balls but the equation only nearly. A search from its duals, with `y` held,
+//! makes the error `e` smaller (see [`super::flow`]); the rest is removed exactly by a
 //! flow `D z` with `D' D z = e` (the smallest one), after `y` and `q_t` have taken up what `e` sums
 //! to on each connected part of the skin. Where `q - D z` then leaves a ball, all of `(y, q, q_t,
 //! p)` are scaled down, which keeps the equation; the best scale is chosen in closed form. So the
 //! bound needs no property of the iteration, of its step sizes or of `f32`: it holds for whatever
 //! comes in, up to the rounding of this evaluation (about 1e-13 of the objective).
 
+use super::fit::DataSteps;
 use super::float::Float;
+use super::flow::{Boxes, Flow};
 use super::operators::{BLOCK, Operators};
 use super::passes::{Analyse, Error, Excess, Subtract, Variation};
 use super::problem::{DataTerm, Parts, Problem};
-use super::state::State;
+use super::state::{PAD, State};
 use pulp::Arch;
+
+/// Weights above this, in the solver's units, change no result but would overflow `f32`.
+pub(crate) const LARGEST_WEIGHT: f64 = 1e8;
+
+/// What a bound is taken from.
+pub(crate) struct Iterate<'a, T> {
+    pub(crate) ops: &'a Operators<T>,
+    pub(crate) state: &'a State<T>,
+    pub(crate) data: &'a DataSteps<T>,
+}
+
+/// How a flow is sought.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Effort {
+    pub(crate) steps: usize,
+    /// Share by which its balls are larger than those that count: what does not fit is scaled down.
+    pub(crate) slack: f64,
+}
 
 /// Memory of an evaluation.
 #[derive(Debug, Clone)]
@@ -48,6 +69,8 @@ pub(crate) struct Evaluation {
     /// System of the parts' balance, `[part][part + 1]`, and its rows, `[part][rank]`.
     gram: Vec<f64>,
     forces: Vec<f64>,
+    /// Sums of the error and of what bounds take of it, `[part]`.
+    shares: Vec<[f64; 2]>,
     /// Is a frame linked to its next one, `[frame]`.
     linked: Vec<bool>,
 }
@@ -71,6 +94,7 @@ impl Evaluation {
             sums: vec![0.0; frames * parts.sizes.len()],
             gram: vec![0.0; parts.sizes.len() * (parts.sizes.len() + 1)],
             forces: vec![0.0; parts.sizes.len() * ops.rank],
+            shares: vec![[0.0; 2]; parts.sizes.len()],
             linked: vec![false; frames],
         }
     }
@@ -99,13 +123,9 @@ impl Evaluation {
             let (mode, target) = (&problem.modes[problem.mode_of[frame]], &problem.targets[frame]);
             let [column, rotated] = &mut self.columns;
             gather(coefficients, stride, frame, column);
-            mode.rotate(column, rotated);
-            let square: f64 = rotated
-                .iter()
-                .zip(&mode.singular)
-                .zip(&target.values)
-                .map(|((u, s), b)| (s * u - b).powi(2))
-                .sum();
+            mode.apply(column, rotated);
+            let square: f64 =
+                rotated.iter().zip(&target.values).map(|(u, b)| (u - b).powi(2)).sum();
             let square = square + target.rest_squared;
             self.residual[frame] = square.sqrt();
             match problem.data_term {
@@ -134,63 +154,111 @@ impl Evaluation {
         linked.for_each(|(frame, linked)| *linked = state.is_linked(frame));
     }
 
-    /// A lower bound on the optimum from the state's duals; `data_dual` must hold those of the last
-    /// iteration.
+    /// A lower bound on the optimum from the state's duals, its data dual and a flow that is sought
+    /// from there.
     pub(crate) fn lower_bound<T: Float>(
+        &mut self,
+        arch: Arch,
+        problem: &Problem<'_>,
+        iterate: Iterate<'_, T>,
+        flow: &mut Flow<T>,
+        effort: Effort,
+    ) -> f64 {
+        let Iterate { ops, state, data } = iterate;
+        self.take_links(state);
+        for (frame, own) in self.data_dual.chunks_exact_mut(problem.ops.rank).enumerate() {
+            data.dual(frame, state.stride, own);
+        }
+        if problem.bounds.is_none() {
+            self.time_dual.fill(0.0);
+            self.balance_by_data_twice(problem, state.frames);
+        }
+        self.set_force(problem, state.frames);
+        for (to, from) in flow.coefficients.iter_mut().zip(&self.coefficients) {
+            *to = T::from_f64(*from);
+        }
+        let size = self.image.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        let larger = 1.0 + effort.slack;
+        let how = Boxes {
+            steps: effort.steps,
+            lambda_space: larger * problem.lambda_space.min(LARGEST_WEIGHT),
+            lambda_time: larger * problem.lambda_time.min(LARGEST_WEIGHT),
+            bounds: problem.bounds,
+            per_image: if size > 0.0 { problem.lambda_space / size } else { 1.0 },
+        };
+        flow.seek(arch, ops, state, &self.image, how);
+        self.take_flow(problem, flow, how);
+        self.balance_parts(problem, state.frames);
+        self.repair(arch, problem, state.frames);
+        self.scaled_value(arch, problem, state.frames)
+    }
+
+    /// A lower bound from data duals alone, set in `data_dual`, where the image is constant.
+    pub(crate) fn lower_bound_of_constant<T: Float>(
         &mut self,
         arch: Arch,
         problem: &Problem<'_>,
         state: &State<T>,
     ) -> f64 {
         self.take_links(state);
-        self.take_duals(problem, state);
+        self.dual.fill(0.0);
+        self.time_dual.fill(0.0);
+        self.bound_dual.fill(0.0);
         self.balance_parts(problem, state.frames);
         self.repair(arch, problem, state.frames);
         self.scaled_value(arch, problem, state.frames)
     }
 
-    /// Copies the duals, each moved into its ball.
-    fn take_duals<T: Float>(&mut self, problem: &Problem<'_>, state: &State<T>) {
-        let (ops, stride) = (problem.ops, self.stride);
-        self.dual.iter_mut().zip(&state.dual).for_each(|(d, s)| *d = s.to_f64());
-        let components = ops.components;
-        let groups = self.dual.chunks_exact_mut(components * stride).zip(&ops.radius);
-        for (rows, radius) in groups {
-            let radius = problem.lambda_space * radius;
-            let (first, second) = rows.split_at_mut(stride);
-            match components {
-                1 => first.iter_mut().for_each(|q| *q = q.clamp(-radius, radius)),
-                _ => {
-                    for (a, b) in first.iter_mut().zip(second) {
-                        let shrink = radius / (*a * *a + *b * *b).sqrt().max(radius);
-                        *a *= shrink;
-                        *b *= shrink;
-                    }
-                }
-            }
-        }
+    /// Takes the duals of a flow, and leaves to the bounds what they take of its error.
+    fn take_flow<T: Float>(&mut self, problem: &Problem<'_>, flow: &Flow<T>, how: Boxes) {
+        self.dual.iter_mut().zip(&flow.dual).for_each(|(d, s)| *d = s.to_f64());
         if !self.time_dual.is_empty() {
-            for (p, row) in self.time_dual.chunks_exact_mut(stride).take(ops.unknowns).enumerate() {
-                let radius = problem.lambda_time * ops.time_radius[p];
-                let values = row.iter_mut().zip(state.time_dual_row(p)).zip(&self.linked);
-                for ((q, s), linked) in values {
-                    *q = if *linked { s.to_f64().clamp(-radius, radius) } else { 0.0 };
-                }
+            let rows = self.time_dual.iter_mut().zip(&flow.time_dual[PAD..]);
+            rows.for_each(|(d, s)| *d = s.to_f64());
+        }
+        let (stride, frames) = (self.stride, self.residual.len());
+        if how.bounds.is_none() {
+            return;
+        }
+        for ((p, e), x) in self.bound_dual.iter_mut().zip(&flow.error).zip(&self.image) {
+            let (e, [most, least]) = (e.to_f64(), how.limits(*x));
+            *p = e.min(most).max(least) - e;
+        }
+        // the force of a bound may not exceed what the frame has to hold
+        let mut sums = std::mem::take(&mut self.shares);
+        for frame in 0..frames {
+            sums.fill([0.0; 2]);
+            for (p, &label) in problem.parts.label.iter().enumerate() {
+                let at = p * stride + frame;
+                let own = &mut sums[label as usize];
+                own[0] += flow.error[at].to_f64();
+                own[1] += self.bound_dual[at];
+            }
+            for (p, &label) in problem.parts.label.iter().enumerate() {
+                let [force, held] = sums[label as usize];
+                let share = if force * held < 0.0 { (-force / held).min(1.0) } else { 0.0 };
+                self.bound_dual[p * stride + frame] *= share;
             }
         }
-        if let Some([lower, upper]) = problem.bounds {
-            for (p, s) in self.bound_dual.iter_mut().zip(&state.bound_dual) {
-                *p = s.to_f64();
-                // an infinite bound allows no force from its side
-                *p = p.min(if upper.is_finite() { f64::INFINITY } else { 0.0 });
-                *p = p.max(if lower.is_finite() { f64::NEG_INFINITY } else { 0.0 });
-            }
-        }
+        self.shares = sums;
     }
 
     /// Makes the error sum to zero on each part in each frame: over all frames by `y`, from frame
     /// to frame by `q_t` (or by `y` alone without a time term).
     fn balance_parts(&mut self, problem: &Problem<'_>, frames: usize) {
+        self.balance_by_data_twice(problem, frames);
+        for part in 0..problem.parts.sizes.len() {
+            let mut first = 0;
+            while first < frames {
+                let range = self.run_from(first, frames);
+                first = range.end;
+                self.balance_by_links(problem, part, range);
+            }
+        }
+    }
+
+    /// Takes what the error of each part sums to over linked frames out of `y`.
+    fn balance_by_data_twice(&mut self, problem: &Problem<'_>, frames: usize) {
         self.part_sums(problem, frames);
         // the second time takes the rounding of the first
         for _ in 0..2 {
@@ -201,14 +269,6 @@ impl Evaluation {
                 self.balance_by_data(problem, range);
             }
             self.part_sums(problem, frames);
-        }
-        for part in 0..problem.parts.sizes.len() {
-            let mut first = 0;
-            while first < frames {
-                let range = self.run_from(first, frames);
-                first = range.end;
-                self.balance_by_links(problem, part, range);
-            }
         }
     }
 
@@ -253,10 +313,7 @@ impl Evaluation {
         let fill = |forces: &mut [f64], frame: usize| {
             let mode = &problem.modes[problem.mode_of[frame]];
             let rows = forces.chunks_exact_mut(rank).zip(&problem.parts.sensitivity);
-            for (row, sensitivity) in rows {
-                mode.rotate(sensitivity, row);
-                row.iter_mut().zip(&mode.singular).for_each(|(u, s)| *u *= s);
-            }
+            rows.for_each(|(row, sensitivity)| mode.apply(sensitivity, row));
         };
         for frame in range.clone() {
             fill(&mut forces, frame);
@@ -288,10 +345,10 @@ impl Evaluation {
             let mode = &problem.modes[problem.mode_of[frame]];
             for part in 0..parts {
                 let rotated = &mut self.columns[0];
-                mode.rotate(&problem.parts.sensitivity[part], rotated);
+                mode.apply(&problem.parts.sensitivity[part], rotated);
                 let own = &self.data_dual[frame * rank..][..rank];
-                let terms = rotated.iter().zip(&mode.singular).zip(own);
-                self.sums[frame * parts + part] = terms.map(|((u, s), y)| u * s * y).sum();
+                let terms = rotated.iter().zip(own);
+                self.sums[frame * parts + part] = terms.map(|(u, y)| u * y).sum();
             }
         }
         for (p, &label) in problem.parts.label.iter().enumerate() {
@@ -312,22 +369,25 @@ impl Evaluation {
         }
     }
 
-    /// The error of the equation, and its removal from `q`.
-    fn repair(&mut self, arch: Arch, problem: &Problem<'_>, frames: usize) {
-        let (ops, stride) = (problem.ops, self.stride);
+    /// Coefficients of the data's force, `F y` of each frame.
+    fn set_force(&mut self, problem: &Problem<'_>, frames: usize) {
+        let (rank, stride) = (problem.ops.rank, self.stride);
         self.coefficients.fill(0.0);
         for frame in 0..frames {
             let mode = &problem.modes[problem.mode_of[frame]];
-            let own = &self.data_dual[frame * ops.rank..][..ops.rank];
-            let [column, rotated] = &mut self.columns;
-            for ((u, y), s) in rotated.iter_mut().zip(own).zip(&mode.singular) {
-                *u = s * y;
-            }
-            mode.rotate_back(rotated, column);
+            let own = &self.data_dual[frame * rank..][..rank];
+            let column = &mut self.columns[0];
+            mode.apply_transposed(own, column);
             for (k, c) in column.iter().enumerate() {
                 self.coefficients[k * stride + frame] = *c;
             }
         }
+    }
+
+    /// The error of the equation, and its removal from `q`.
+    fn repair(&mut self, arch: Arch, problem: &Problem<'_>, frames: usize) {
+        self.set_force(problem, frames);
+        let (ops, stride) = (problem.ops, self.stride);
         arch.dispatch(Error {
             ops,
             stride,

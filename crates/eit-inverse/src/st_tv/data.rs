@@ -9,24 +9,22 @@
 //!
 //! exactly: reciprocal measurements fall into one coefficient with the weight of both, duplicate
 //! and zero rows cost nothing, and the iteration sees `rank` numbers a frame instead of all
-//! measurements. A frame with masked channels keeps the basis `V`: its Gram matrix
-//! `S U_t' U_t S = Q diag(s^2) Q'` of the rows left is `rank x rank`, and one set of masked
-//! channels is expanded once, however many frames share it.
+//! measurements. A frame with masked channels keeps the basis `V`: the rows left of `U S` are factored
+//! (see `seen`), and one set of masked channels once, however many frames share it.
 
 mod compression;
-mod mode;
-mod target;
+pub(crate) mod seen;
 
 pub(crate) use compression::Compression;
-pub(crate) use mode::{Mode, ModeScratch};
-pub(crate) use target::Target;
+pub(crate) use seen::{Seen, Target};
 
 use crate::check::check_length;
 use crate::{DifferenceFrames, InverseError};
 
-/// Modes and targets of a whole sequence.
+/// What a whole sequence sees, and its targets.
 pub(crate) struct SequenceData {
-    pub(crate) modes: Vec<Mode>,
+    /// The first one is that of frames with all channels.
+    pub(crate) modes: Vec<Seen>,
     /// Index into `modes`, `[frame]`.
     pub(crate) mode_of: Vec<usize>,
     /// `[frame]`.
@@ -39,29 +37,26 @@ impl SequenceData {
         frames: &DifferenceFrames<'_>,
     ) -> Result<Self, InverseError> {
         check_length("columns of differences", frames.values.ncols(), compression.measurements)?;
-        let rank = compression.rank();
-        let mut modes = vec![Mode::full(compression)];
+        let mut modes = vec![Seen::new(compression)];
         let (mut mode_of, mut targets) = (Vec::new(), Vec::new());
-        let mut scratch = None;
-        let (mut coefficients, mut whitened) = (vec![0.0; rank], vec![0.0; frames.values.ncols()]);
+        let mut whitened = vec![0.0; frames.values.ncols()];
         for frame in 0..frames.values.nrows() {
-            let masked = |i: usize| compression.root_weights[i] > 0.0 && !frames.is_good(frame, i);
-            let known = modes
-                .iter()
-                .position(|m| m.masked.iter().enumerate().all(|(i, &b)| b == masked(i)));
-            let index = match known {
-                Some(index) => index,
-                None => {
-                    let scratch = scratch.get_or_insert_with(|| ModeScratch::new(compression));
-                    let mut mode = Mode::full(compression);
-                    mode.set(compression, masked, scratch)?;
-                    modes.push(mode);
-                    modes.len() - 1
-                }
-            };
-            let mut target = Target::zero(rank);
-            let dv = |i: usize| frames.values[(frame, i)];
-            target.set(compression, &modes[index], dv, &mut coefficients, &mut whitened);
+            let good = |i: usize| frames.is_good(frame, i);
+            let known = modes.iter().position(|mode| mode.fits(compression, good));
+            let index = known.unwrap_or_else(|| {
+                let mut mode = modes[0].clone();
+                mode.set(compression, good);
+                modes.push(mode);
+                modes.len() - 1
+            });
+            for (i, value) in whitened.iter_mut().enumerate() {
+                let weight = compression.root_weights[i];
+                // masked values may be NaN
+                *value =
+                    if modes[index].good[i] { weight * frames.values[(frame, i)] } else { 0.0 };
+            }
+            let mut target = Target::zero(compression);
+            modes[index].take(compression, &whitened, 1.0, &mut target);
             mode_of.push(index);
             targets.push(target);
         }

@@ -2,17 +2,18 @@
 //! whose primal step solves the data term exactly, over-relaxed.
 //!
 //! ```text
-//! w   = x - tau (D' q + D_t' q_t + p)
-//! x^  = w + V (c' - V' w),     c' = argmin data(c) + |c - V' w|^2 / (2 tau)
+//! w   = x - T (D' q + D_t' q_t + p)
+//! x^  = argmin data(x) + |x - w|^2_{T^-1} / 2,   see [`super::fit`]
 //! x-  = 2 x^ - x
-//! q^  = project(q + sigma D x-)        onto |q_g| <= lambda_space size_g
-//! q_t^ = project(q_t + sigma D_t x-)   onto |q_t| <= lambda_time area
-//! p^  = p + sigma x- - sigma clip(p / sigma + x-, lower, upper)
+//! q^  = project((q + Sigma D x-) / (1 + Sigma gamma / radius))       radius = lambda_space size_g
+//! q_t^ = project((q_t + Sigma D_t x-) / (1 + Sigma gamma / radius))  radius = lambda_time area
+//! p^  = p + Sigma x- - Sigma clip(p / Sigma + x-, lower, upper)
 //! (x, q, q_t, p) += rho ((x^, q^, q_t^, p^) - (x, q, q_t, p))
 //! ```
 //!
-//! with `sigma tau (|D|^2 + 4 + 1) <= 1` (the 4 where the sequence has more than one frame, the 1
-//! where there are bounds) and `rho` = 1.9.
+//! with the steps `T` and `Sigma` of a map (see [`super::step`]) and `rho` = 1.9. `gamma` smooths the
+//! norms a little (Huber), so that the duals of flat places come to rest; it is far below what the
+//! gap asked for would notice.
 //!
 //! # One sweep
 //! What follows the data step of one iteration and what comes before that of the next needs of an
@@ -23,7 +24,7 @@
 //!
 //! # Head and tail
 //! Singular values of an electrode array fall by a million from the first to the last. Where
-//! `tau s^2` is small an explicit step serves as well as the exact one: these directions, the tail,
+//! `T s^2` is small an explicit step serves as well as the exact one: these directions, the tail,
 //! enter as a constant force `V (s y)`, `y = s c - b`, that is brought up to date every
 //! [`REFRESH`] iterations, and the products run over the head alone. The fixed point is the same.
 //!
@@ -36,54 +37,45 @@
 //!
 //! The passes themselves are in `sweep`.
 
+use super::fit::DataSteps;
 use super::float::Float;
-use super::kernel::RANKS;
 use super::operators::Operators;
-use super::state::{State, Steps};
+use super::state::{REFRESH, State, Weights};
 use super::sweep::{Analyse, Descend, Pull, Scaled, Sweep};
 use pulp::Arch;
 
 impl<T: Float> State<T> {
-    /// Brings the tail up to date, with a head of these ranks. `fit` replaces the coefficients
-    /// `[rank][stride]` of the image, of which those of the tail are given, by their force.
-    pub(crate) fn refresh_tail(
-        &mut self,
-        arch: Arch,
-        ops: &Operators<T>,
-        head: usize,
-        fit: impl FnOnce(&mut [T], usize),
-    ) {
-        self.head = head.next_multiple_of(RANKS).min(ops.padded_rank);
-        self.age = 0;
-        self.prepared = None;
-        if self.head < ops.padded_rank {
-            arch.dispatch(Analyse { state: self, ops });
-            fit(&mut self.next, self.stride);
-            arch.dispatch(Pull { state: self, ops });
-        }
-    }
-
-    /// One iteration. `fit` replaces the head's coefficients `[rank][stride]` of `w` by the change
-    /// that the data asks for. With `keep` the unrelaxed image is kept as the candidate. `next_tau` is
-    /// the primal step of the iteration to come; another one costs a sweep more.
+    /// One iteration. With `keep` the unrelaxed image is kept as the candidate.
     pub(crate) fn iterate(
         &mut self,
         arch: Arch,
         ops: &Operators<T>,
-        steps: &Steps,
-        next_tau: f64,
+        weights: &Weights,
+        data: &mut DataSteps<T>,
         keep: bool,
-        mut fit: impl FnMut(&mut [T], usize),
     ) {
-        if self.prepared != Some(steps.tau) {
-            arch.dispatch(Descend { state: self, ops, tau: T::from_f64(steps.tau) });
+        if self.age >= REFRESH {
+            self.refresh_tail(arch, ops, data);
         }
-        fit(&mut self.coefficients, self.stride);
-        let next_tau_scaled = T::from_f64(next_tau);
-        let steps = Scaled::new(steps);
-        arch.dispatch(Sweep { state: self, ops, steps: &steps, next_tau: next_tau_scaled, keep });
+        if !self.prepared {
+            arch.dispatch(Descend { state: self, ops });
+        }
+        data.apply(arch, &mut self.coefficients, self.stride);
+        let steps = Scaled::new(weights);
+        arch.dispatch(Sweep { state: self, ops, steps: &steps, keep });
         std::mem::swap(&mut self.coefficients, &mut self.next);
-        self.prepared = Some(next_tau);
+        self.prepared = true;
         self.age += 1;
+    }
+
+    /// Brings the force of the tail up to date.
+    fn refresh_tail(&mut self, arch: Arch, ops: &Operators<T>, data: &mut DataSteps<T>) {
+        self.age = 0;
+        if self.head < ops.padded_rank {
+            self.prepared = false;
+            arch.dispatch(Analyse { state: self, ops });
+            data.pull(&mut self.next, self.stride, self.frames);
+            arch.dispatch(Pull { state: self, ops });
+        }
     }
 }

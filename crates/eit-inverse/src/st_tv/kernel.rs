@@ -239,3 +239,22 @@ pub(crate) fn add_scaled<T: Float>(factor: T, row: &[T], out: &mut [T]) {
         *out = lanes(|l| factor.mul_add(row[l], out[l]));
     }
 }
+
+/// Scalar product.
+#[inline(always)]
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut parts = [0.0; 8];
+    let (whole_a, rest_a) = a.as_chunks::<8>();
+    let (whole_b, rest_b) = b.as_chunks::<8>();
+    for (a, b) in whole_a.iter().zip(whole_b) {
+        for l in 0..8 {
+            parts[l] = a[l].mul_add(b[l], parts[l]);
+        }
+    }
+    let mut sum = (parts[0] + parts[4]) + (parts[1] + parts[5]);
+    sum += (parts[2] + parts[6]) + (parts[3] + parts[7]);
+    for (a, b) in rest_a.iter().zip(rest_b) {
+        sum += a * b;
+    }
+    sum
+}

@@ -1,6 +1,6 @@
 //! A problem as the iteration and its evaluation see it.
 
-use super::data::{Mode, Target};
+use super::data::{Seen, Target};
 use super::gradient::Gradient;
 use super::laplacian::Laplacian;
 use super::operators::Operators;
@@ -23,7 +23,7 @@ pub(crate) struct Problem<'a> {
     pub(crate) parts: &'a Parts,
     /// Those of the whole protocol, descending.
     pub(crate) singular: &'a [f64],
-    pub(crate) modes: &'a [Mode],
+    pub(crate) modes: &'a [Seen],
     /// `[frame]`.
     pub(crate) mode_of: &'a [usize],
     /// `[frame]`.

@@ -2,34 +2,45 @@
 
 mod constant;
 
-use super::certificate::Evaluation;
-use super::fit::{self, Memory};
+use super::certificate::{Effort, Evaluation, Iterate, LARGEST_WEIGHT};
+use super::fit::DataSteps;
 use super::float::Float;
+use super::flow::Flow;
 use super::operators::Operators;
 use super::settings::Stop;
-use super::state::State;
-use super::step;
+use super::state::{State, Weights};
+use super::step::{self, MapScratch};
 use super::task::Task;
-use crate::{ImageSequence, SequenceStatus, TracePoint};
+use crate::{ImageSequence, InverseError, SequenceStatus, TracePoint};
 use std::time::Instant;
 
-/// Step of the run that finds feasible dual variables, relative to that of the image. Between 30
-/// and 1000 the bound is found in the same number of iterations within a third.
-const PROOF_STEP: f64 = 100.0;
-/// Iterations after which the step has halved, and its least value relative to the first.
-const HALVING: f64 = 30.0;
-const LEAST_STEP: f64 = 1.0 / 15.0;
-/// Iterations at which the first step is set anew from the norms found so far.
-const MEASURE_AT: [usize; 4] = [8, 16, 32, 64];
-/// First look at the image, and growth of the interval between looks: one costs two iterations.
+/// Iterations at which the uniform step before the first map is set anew.
+const MEASURE_AT: [usize; 2] = [8, 16];
+/// Iterations at which a step map is made, and the growth of their distances after the last one.
+const MAP_AT: [usize; 3] = [24, 64, 150];
+const MAP_GROWTH: f64 = 2.0;
+/// Steps of the map relative to balanced ones: small ones settle the image, larger ones from the last
+/// of [`MAP_AT`] on its proof. Within a factor of two either way both cost a fifth of the iterations.
+const IMAGE_SHARE: f64 = 0.15;
+const PROOF_SHARE: f64 = 0.55;
+/// Smoothing of the norms relative to the image's size and the gap asked for, and the iterations after
+/// which it begins to fall, so that none is left where a gap takes long.
+const SMOOTHING: f64 = 0.04;
+const SMOOTH: f64 = 400.0;
+/// First look at the image, and growth of the interval between looks: one costs a few iterations.
 const FIRST_LOOK: usize = 32;
-const GROWTH: f64 = 1.35;
-/// That growth where the objective falls by less than so many target gaps from one decision, whether
-/// to try a proof, to the next.
-const NEAR: f64 = 30.0;
-const NEAR_GROWTH: f64 = 1.08;
-/// Share of an image's iterations that its proof gets, and of the time under a deadline.
-const PROOF_SHARE: f64 = 0.4;
+const GROWTH: f64 = 1.5;
+/// A bound is tried where the objective falls by less than so many gaps from look to look.
+const NEAR: f64 = 1.5;
+/// Iterations from which on a bound is tried at every look.
+const PROVE_FROM: usize = 300;
+/// The gap falls like this power of the iterations or faster: the next look is where it would be reached.
+const POWER: f64 = 3.0;
+/// Least growth from look to look.
+const LEAST_GROWTH: f64 = 1.06;
+/// Steps of the flow of a proof: with half as many the reference problem of 64 x 64 takes a quarter more
+/// iterations to a gap of 1e-3.
+const FLOW_STEPS: usize = 100;
 /// Iterations between two looks at the clock.
 const CLOCK: usize = 4;
 /// Objective that is rounding of zero, in the solver's units, where data is 1.
@@ -39,16 +50,26 @@ const SMALLEST_PRIMAL: f64 = 1e-14;
 pub(crate) struct Run<'a, T> {
     task: &'a Task<'a>,
     ops: &'a Operators<T>,
-    image: State<T>,
-    proof: State<T>,
+    state: State<T>,
+    data: DataSteps<T>,
+    map: MapScratch<T>,
+    flow: Flow<T>,
     evaluation: Evaluation,
-    /// Data dual of the image's run and of the proof's, `[frame][rank]`.
     columns: [Vec<f64>; 2],
-    /// First step size, see [`Self::step`].
-    first_step: f64,
-    /// Iterations of the image's run, and of all.
+    /// Is the map in use, rather than one step for all?
+    mapped: bool,
+    /// Steps relative to those of the schedule, and its share of now.
+    boost: f64,
+    share: f64,
+    next_map: usize,
+    smoothing: f64,
+    target_gap: f64,
     done: usize,
-    total: usize,
+    progress: Progress,
+}
+
+/// What was found, and when.
+pub(crate) struct Progress {
     best: Best,
     trace: Vec<TracePoint>,
     start: Instant,
@@ -88,197 +109,252 @@ struct Limits {
 }
 
 impl<'a, T: Float> Run<'a, T> {
-    pub(crate) fn new(task: &'a Task<'a>, ops: &'a Operators<T>, start: Instant) -> Self {
-        let image = State::new(ops, task.frames, task.linked(), task.bounds.is_some());
-        let evaluation = Evaluation::new(&task.solver.double, &image, &task.solver.parts);
-        let rank = task.solver.rank();
+    pub(crate) fn new(
+        task: &'a Task<'a>,
+        ops: &'a Operators<T>,
+        target_gap: f64,
+        start: Instant,
+    ) -> Result<Self, InverseError> {
+        let state = State::new(ops, task.frames, task.linked(), task.bounds.is_some());
+        let evaluation = Evaluation::new(&task.solver.double, &state, &task.solver.parts);
         let best = Best {
             primal: f64::INFINITY,
             lower_bound: f64::NEG_INFINITY,
             images: evaluation.image.clone(),
             residual: vec![0.0; task.frames],
         };
-        let proof = image.clone();
-        let columns = [vec![0.0; rank], vec![0.0; rank]];
-        let mut this = Self {
-            task,
-            ops,
-            image,
-            proof,
-            evaluation,
-            columns,
-            first_step: 1.0,
-            done: 0,
-            total: 0,
-            best,
-            trace: Vec::new(),
-            start,
-        };
-        if let Some(step) = step::guess(&task.problem(), ops, &this.image) {
-            this.first_step = step;
-        }
-        this
+        let progress = Progress { best, trace: Vec::new(), start };
+        let mut this = Self::with(task, ops, state, evaluation, (progress, target_gap));
+        let first = step::guess(&task.problem(), ops, &this.state).unwrap_or(1.0);
+        this.set_uniform(first)?;
+        this.try_constant();
+        this.note();
+        Ok(this)
     }
 
-    /// Runs to the target or a limit.
-    pub(crate) fn finish(mut self, stop: &Stop) -> ImageSequence {
+    fn with(
+        task: &'a Task<'a>,
+        ops: &'a Operators<T>,
+        state: State<T>,
+        evaluation: Evaluation,
+        (progress, target_gap): (Progress, f64),
+    ) -> Self {
+        let rank = task.solver.rank();
+        Self {
+            task,
+            ops,
+            data: DataSteps::new(&task.problem(), ops, &state, 0, target_gap),
+            target_gap,
+            map: MapScratch::new(ops, &state),
+            flow: Flow::new(ops, &state),
+            state,
+            evaluation,
+            columns: [vec![0.0; rank], vec![0.0; rank]],
+            mapped: false,
+            boost: 1.0,
+            share: IMAGE_SHARE,
+            next_map: MAP_AT[0],
+            smoothing: 0.0,
+            done: 0,
+            progress,
+        }
+    }
+
+    /// The same run in another precision, where this one leads no further.
+    pub(crate) fn converted<U: Float>(
+        self,
+        ops: &'a Operators<U>,
+    ) -> Result<Run<'a, U>, InverseError> {
+        let state = self.state.converted(ops);
+        let goal = (self.progress, self.target_gap);
+        let mut new = Run::with(self.task, ops, state, self.evaluation, goal);
+        (new.mapped, new.boost, new.share) = (self.mapped, self.boost, self.share);
+        (new.next_map, new.done, new.smoothing) = (self.next_map, self.done, self.smoothing);
+        new.set_data()?;
+        Ok(new)
+    }
+
+    /// Runs to the target or a limit, at most `most` iterations; `None` where these did not suffice.
+    pub(crate) fn advance(
+        &mut self,
+        stop: &Stop,
+        most: usize,
+    ) -> Result<Option<SequenceStatus>, InverseError> {
         let deadline = stop.deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
         let limits = Limits { iterations: stop.max_iterations, seconds: deadline };
-        self.try_constant();
-        self.note();
-        let mut look = FIRST_LOOK;
+        let mut look = FIRST_LOOK.max((self.done as f64 * GROWTH) as usize);
         let mut last = f64::INFINITY;
-        let (mut next_decision, mut next_proof) = (0, 0);
-        let mut growth = GROWTH;
-        let status = loop {
-            if self.best.gap() <= stop.target_gap {
-                break SequenceStatus::Converged;
+        // the first evaluation, of a constant, tells what one costs
+        let mut evaluation_s = self.progress.start.elapsed().as_secs_f64();
+        loop {
+            let gap = self.progress.best.gap();
+            if gap <= stop.target_gap {
+                return Ok(Some(SequenceStatus::Converged));
             }
             // where the optimum is zero no relative gap can be reached
-            if self.best.primal <= SMALLEST_PRIMAL {
-                break SequenceStatus::Stalled;
+            if self.progress.best.primal <= SMALLEST_PRIMAL {
+                return Ok(Some(SequenceStatus::Stalled));
             }
             if let Some(status) = self.over(limits) {
-                break status;
+                return Ok(Some(status));
             }
-            let image = Limits {
-                iterations: (limits.iterations as f64 * (1.0 - PROOF_SHARE)) as usize,
-                seconds: limits.seconds * (1.0 - PROOF_SHARE),
-            };
-            let ended = self.improve_image(look, image);
+            if self.done >= most {
+                return Ok(None);
+            }
+            let inner = Limits { seconds: limits.seconds - evaluation_s, ..limits };
+            let ended = self.improve(look.min(most), inner)?;
+            let before = Instant::now();
             let primal = self.keep_image();
-            self.note();
-            look = (self.done as f64 * growth) as usize;
-            if !ended && self.done < next_decision {
-                continue;
-            }
-            next_decision = (self.done as f64 * GROWTH) as usize;
             let falling = (last - primal) / primal.abs();
+            let progress = (last - primal).max(0.0);
             last = primal;
-            growth = if falling < NEAR * stop.target_gap { NEAR_GROWTH } else { GROWTH };
-            look = (self.done as f64 * growth) as usize;
-            // the objective falls like a power of the iterations: what it still has to fall is
-            // about what it fell since the last decision
-            if ended || (falling < stop.target_gap && self.done >= next_proof) {
-                let share = (self.done as f64 * PROOF_SHARE) as usize;
-                let count = if ended { usize::MAX } else { share.max(FIRST_LOOK / 2) };
-                self.prove(count, limits, stop.target_gap);
-                self.note();
-                next_proof = (self.done as f64 * GROWTH) as usize;
+            let mut growth = GROWTH;
+            let due = ended || self.done >= PROVE_FROM.min(most);
+            if due || falling < NEAR * stop.target_gap {
+                let raised = self.prove();
+                let gap = self.progress.best.gap();
+                // without a feasible image there is no gap
+                if gap.is_finite() {
+                    growth = (gap / stop.target_gap).powf(1.0 / POWER);
+                    growth = growth.clamp(LEAST_GROWTH, GROWTH);
+                }
+                if self.done > MAP_AT[2] {
+                    self.adapt(raised, progress);
+                }
             }
-        };
-        let (images, residual) = (&self.best.images, &self.best.residual);
-        let stride = self.image.stride;
-        self.task.sequence(images, stride, residual, &self.trace, status, self.start)
+            self.note();
+            evaluation_s = before.elapsed().as_secs_f64();
+            look = (self.done as f64 * growth).ceil() as usize;
+        }
+    }
+
+    /// The best that was found.
+    pub(crate) fn finish(self, status: SequenceStatus) -> ImageSequence {
+        let Progress { best, trace, start } = self.progress;
+        let stride = self.state.stride;
+        self.task.sequence(&best.images, stride, &best.residual, &trace, status, start)
     }
 
     /// Notes what is known now.
     fn note(&mut self) {
-        self.trace.push(TracePoint {
-            seconds: self.start.elapsed().as_secs_f64(),
-            iterations: self.total,
-            primal: self.best.primal,
-            lower_bound: self.best.lower_bound,
+        let Progress { best, trace, start } = &mut self.progress;
+        trace.push(TracePoint {
+            seconds: start.elapsed().as_secs_f64(),
+            iterations: self.done,
+            primal: best.primal,
+            lower_bound: best.lower_bound,
         });
     }
 
     fn over(&self, limits: Limits) -> Option<SequenceStatus> {
-        if self.start.elapsed().as_secs_f64() >= limits.seconds {
+        if self.progress.start.elapsed().as_secs_f64() >= limits.seconds {
             Some(SequenceStatus::Deadline)
-        } else if self.total >= limits.iterations {
+        } else if self.done >= limits.iterations {
             Some(SequenceStatus::IterationCap)
         } else {
             None
         }
     }
 
-    /// Iterates on the image until `self.done` is `until`; true where a limit came first.
-    fn improve_image(&mut self, until: usize, limits: Limits) -> bool {
+    /// Iterates until `self.done` is `until`; true where a limit came first.
+    fn improve(&mut self, until: usize, limits: Limits) -> Result<bool, InverseError> {
         while self.done < until {
-            if self.done.is_multiple_of(CLOCK) && self.over(limits).is_some() {
-                self.improve(true);
-                return true;
-            }
-            if MEASURE_AT.contains(&self.done) {
-                self.measure_step();
-            }
-            self.improve(self.done + 1 == until);
-        }
-        false
-    }
-
-    /// One more iteration on the image.
-    fn improve(&mut self, keep: bool) {
-        let step = self.step();
-        self.done += 1;
-        self.total += 1;
-        self.iterate(Which::Image, [step, self.step()], keep);
-    }
-
-    /// Runs towards feasible dual variables from the image's state, and keeps the best bound.
-    fn prove(&mut self, count: usize, limits: Limits, target: f64) {
-        self.proof.copy_from(&self.image);
-        let step = self.step() * PROOF_STEP;
-        let problem = self.task.problem();
-        let arch = self.task.solver.arch;
-        let mut look = count / 2;
-        for k in 0..count {
-            let ending = k + 1 == count
-                || (self.total + 1) >= limits.iterations
-                || (k.is_multiple_of(CLOCK) && self.over(limits).is_some());
-            self.iterate(Which::Proof, [step; 2], k == look || ending);
-            self.total += 1;
-            if k == look || ending {
-                let bound = self.evaluation.lower_bound(arch, &problem, &self.proof);
-                self.best.lower_bound = self.best.lower_bound.max(bound);
-                // where few measurements bind the image, large steps also find it sooner
-                let primal = self.evaluation.primal(arch, &problem, &self.proof);
-                self.best.take(primal, &self.evaluation);
-                look = (k as f64 * GROWTH) as usize;
-                if ending || self.best.gap() <= target {
-                    break;
-                }
+            self.set_steps()?;
+            let clock = self.done.is_multiple_of(CLOCK);
+            let late = clock && self.progress.start.elapsed().as_secs_f64() >= limits.seconds;
+            let ended = late || self.done + 1 >= limits.iterations;
+            self.iterate(ended || self.done + 1 == until);
+            if ended {
+                return Ok(true);
             }
         }
+        Ok(false)
     }
 
-    /// Values the candidate of the image's run and keeps it if it is the best.
+    /// Sets the steps where it is time.
+    fn set_steps(&mut self) -> Result<(), InverseError> {
+        if !self.mapped
+            && MEASURE_AT.contains(&self.done)
+            && let Some(tau) = step::measure(self.ops, &self.state)
+        {
+            self.set_uniform(tau)?;
+        }
+        if self.done < self.next_map {
+            return Ok(());
+        }
+        let later = MAP_AT.iter().find(|&&at| at > self.done);
+        self.next_map = later.map_or((self.done as f64 * MAP_GROWTH) as usize, |&at| at);
+        self.share = if later.is_some() { IMAGE_SHARE } else { PROOF_SHARE };
+        let share = self.share * self.boost;
+        if step::set_map(self.ops, &mut self.state, &mut self.map, share) {
+            self.mapped = true;
+            let size = self.state.image.iter().fold(0.0_f64, |most, x| most.max(x.to_f64().abs()));
+            let fading = (SMOOTH / self.done as f64).powi(2).min(1.0);
+            self.smoothing = SMOOTHING * self.target_gap * size * fading;
+            self.data.fading = fading;
+            self.set_data()?;
+        }
+        Ok(())
+    }
+
+    fn set_uniform(&mut self, tau: f64) -> Result<(), InverseError> {
+        step::set_uniform(self.ops, &mut self.state, tau);
+        self.set_data()
+    }
+
+    /// Data steps of the map at hand.
+    fn set_data(&mut self) -> Result<(), InverseError> {
+        let Self { task, ops, data, state, .. } = self;
+        state.disturb();
+        data.set_map(task.solver.arch, &task.problem(), ops, state)
+    }
+
+    /// Larger steps where the bound has farther to go than the image, smaller ones where it is the
+    /// other way round.
+    fn adapt(&mut self, raised: f64, fallen: f64) {
+        let factor = match (raised, fallen) {
+            (raised, fallen) if raised > 8.0 * fallen => 1.5,
+            (raised, fallen) if fallen > 8.0 * raised => 1.0 / 1.5,
+            _ => return,
+        };
+        let boost = (self.boost * factor).clamp(1.0 / 16.0, 16.0);
+        if boost != self.boost {
+            self.boost = boost;
+            // with the next map, which is now
+            self.next_map = self.done;
+        }
+    }
+
+    /// Bounds the optimum; returns by how much the bound rose.
+    fn prove(&mut self) -> f64 {
+        let effort = Effort { steps: FLOW_STEPS, slack: 0.5 * self.target_gap };
+        let Self { task, ops, state, data, evaluation, flow, progress, .. } = self;
+        let problem = task.problem();
+        let iterate = Iterate { ops, state, data };
+        let bound = evaluation.lower_bound(task.solver.arch, &problem, iterate, flow, effort);
+        let old = progress.best.lower_bound;
+        progress.best.lower_bound = old.max(bound);
+        progress.best.lower_bound - old
+    }
+
+    /// Values the candidate and keeps it if it is the best.
     fn keep_image(&mut self) -> f64 {
         let problem = self.task.problem();
-        let primal = self.evaluation.primal(self.task.solver.arch, &problem, &self.image);
-        self.best.take(primal, &self.evaluation);
+        let primal = self.evaluation.primal(self.task.solver.arch, &problem, &self.state);
+        self.progress.best.take(primal, &self.evaluation);
         primal
     }
 
-    /// Step size now: falls like 1 / iterations. Large steps bring the image near, small ones
-    /// settle its details.
-    fn step(&self) -> f64 {
-        self.first_step * (1.0 / (1.0 + self.done as f64 / HALVING)).max(LEAST_STEP)
-    }
-
-    /// Sets the first step from the norms of image and duals.
-    fn measure_step(&mut self) {
-        if let Some(step) = step::measure(self.ops, &self.image) {
-            self.first_step = step.clamp(0.1 * self.first_step, 10.0 * self.first_step);
-        }
-    }
-
-    /// One iteration of one of the runs with this step, before one with the next.
-    fn iterate(&mut self, which: Which, taus: [f64; 2], keep: bool) {
-        let Self { task, ops, image, proof, evaluation, columns, .. } = self;
-        let state = match which {
-            Which::Image => image,
-            Which::Proof => proof,
+    /// One iteration.
+    fn iterate(&mut self, keep: bool) {
+        let Self { task, ops, state, data, .. } = self;
+        let weights = Weights {
+            lambda_space: task.lambda_space.min(LARGEST_WEIGHT),
+            lambda_time: task.lambda_time.min(LARGEST_WEIGHT),
+            bounds: task.bounds,
+            smoothing: self.smoothing,
         };
-        let memory = Memory { columns, data_dual: &mut evaluation.data_dual };
-        let problem = task.problem();
-        fit::iterate(task.solver.arch, ops, &problem, state, memory, taus, keep);
+        state.iterate(task.solver.arch, ops, &weights, data, keep);
+        self.done += 1;
     }
-}
-
-/// The two runs.
-#[derive(Debug, Clone, Copy)]
-enum Which {
-    Image,
-    Proof,
 }

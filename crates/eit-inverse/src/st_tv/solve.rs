@@ -1,15 +1,18 @@
-//! Whole sequences: the two phases that lead to an image and to its certificate.
+//! Whole sequences, in `f32` and, where that leads no further, in `f64`.
 
 use super::StTv;
 use super::run::Run;
 use super::settings::{Stop, Weights};
 use super::task::Task;
 use crate::check::check_positive;
-use crate::{DifferenceFrames, ImageSequence, InverseError, SequenceSolver};
+use crate::{DifferenceFrames, ImageSequence, InverseError, SequenceSolver, SequenceStatus};
 use std::time::Instant;
 
 /// Gap below which rounding of `f32` shows.
 const SINGLE_PRECISION_GAP: f64 = 1e-4;
+/// Iterations that `f32` is given, twice to three times what well-conditioned problems take: it may be
+/// what keeps the gap open, and `f64` then takes over.
+const SINGLE_PRECISION_ITERATIONS: usize = 1000;
 
 impl StTv {
     /// Solves for a whole sequence.
@@ -46,11 +49,17 @@ impl StTv {
             return Ok(task.nothing(start));
         }
         // a data constraint must hold, not nearly hold: rounding of f32 would cost objective
-        if stop.target_gap < SINGLE_PRECISION_GAP || !task.delta.is_empty() {
-            Ok(Run::new(&task, &self.double, start).finish(stop))
+        let mut run = if stop.target_gap < SINGLE_PRECISION_GAP || !task.delta.is_empty() {
+            Run::new(&task, &self.double, stop.target_gap, start)?
         } else {
-            Ok(Run::new(&task, &self.single, start).finish(stop))
-        }
+            let mut run = Run::new(&task, &self.single, stop.target_gap, start)?;
+            if let Some(status) = run.advance(stop, SINGLE_PRECISION_ITERATIONS)? {
+                return Ok(run.finish(status));
+            }
+            run.converted(&self.double)?
+        };
+        let status = run.advance(stop, usize::MAX)?.unwrap_or(SequenceStatus::IterationCap);
+        Ok(run.finish(status))
     }
 }
 

@@ -13,14 +13,15 @@ pub(crate) const PAD: usize = LANES;
 /// Iterations that share one force of the tail.
 pub(crate) const REFRESH: usize = 32;
 
-/// Step sizes and weights.
+/// Weights of an iteration.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Steps {
-    pub(crate) tau: f64,
-    pub(crate) sigma: f64,
+pub(crate) struct Weights {
     pub(crate) lambda_space: f64,
     pub(crate) lambda_time: f64,
     pub(crate) bounds: Option<[f64; 2]>,
+    /// Differences below this, in units of the image, cost their square instead of their size, so
+    /// that the duals of flat places come to rest.
+    pub(crate) smoothing: f64,
 }
 
 /// The iterate of one sequence.
@@ -39,11 +40,13 @@ pub(crate) struct State<T> {
     pub(crate) time_dual: Vec<T>,
     /// `p`; empty without bounds.
     pub(crate) bound_dual: Vec<T>,
-    /// `w`, then `x^`, then `x-`, then the next `w`, with [`PAD`] values after.
+    /// Force of the duals, then `x-`, then the next force, with [`PAD`] values after.
     pub(crate) work: Vec<T>,
+    /// `w` of a block of unknowns.
+    pub(crate) block: Vec<T>,
     /// `x^` of the last iteration that was asked to keep it.
     pub(crate) candidate: Vec<T>,
-    /// `V' w`, then `c' - V' w`.
+    /// `V' w`, then the force `F y` of the data.
     pub(crate) coefficients: Vec<T>,
     /// Those of the next `w` while they are summed.
     pub(crate) next: Vec<T>,
@@ -53,8 +56,15 @@ pub(crate) struct State<T> {
     pub(crate) tail: Vec<T>,
     /// Iterations since the tail was brought up to date.
     pub(crate) age: usize,
-    /// The primal step for which `work` holds `w` and `coefficients` its coefficients.
-    pub(crate) prepared: Option<f64>,
+    /// Do `work` and `coefficients` hold what the next iteration begins with?
+    pub(crate) prepared: bool,
+    /// The step map: `tau` of an unknown, and `sigma` of its links and bounds and of a group, one
+    /// value for each block of [`LANES`] frames.
+    pub(crate) tau: Vec<T>,
+    pub(crate) cell_sigma: Vec<T>,
+    pub(crate) group_sigma: Vec<T>,
+    /// `sigma tau` of the duals of space, time and bounds.
+    pub(crate) split: [f64; 3],
     /// 1 for frames whose change to the next one counts, `[stride]`.
     pub(crate) links: Vec<T>,
     /// 1 for frames, 0 for padding, which has no bounds: it would leave zero where they exclude it,
@@ -77,32 +87,59 @@ impl<T: Float> State<T> {
             time_dual: if time { vec![zero; PAD + values] } else { Vec::new() },
             bound_dual: if bounds { vec![zero; values] } else { Vec::new() },
             work: vec![zero; values + PAD],
+            block: vec![zero; BLOCK * stride],
             candidate: vec![zero; values],
             coefficients: vec![zero; ops.padded_rank * stride],
             next: vec![zero; ops.padded_rank * stride],
             head: ops.padded_rank,
             tail: vec![zero; values],
             age: REFRESH,
-            prepared: None,
+            prepared: false,
+            tau: vec![zero; values / LANES],
+            cell_sigma: vec![zero; values / LANES],
+            group_sigma: vec![zero; ops.groups.len() * stride / LANES],
+            split: [1.0; 3],
             links,
             present: (0..stride).map(|t| T::from_f64(if t < frames { 1.0 } else { 0.0 })).collect(),
         }
     }
 
-    /// Takes image and duals of a state of the same problem.
-    pub(crate) fn copy_from(&mut self, other: &Self) {
-        self.prepared = None;
-        // another step size has another tail
+    /// The same iterate in another precision.
+    pub(crate) fn converted<U: Float>(&self, ops: &Operators<U>) -> State<U> {
+        let mut new =
+            State::new(ops, self.frames, !self.time_dual.is_empty(), !self.bound_dual.is_empty());
+        let pairs = [
+            (&mut new.image, &self.image),
+            (&mut new.dual, &self.dual),
+            (&mut new.time_dual, &self.time_dual),
+            (&mut new.bound_dual, &self.bound_dual),
+            (&mut new.candidate, &self.candidate),
+            (&mut new.tau, &self.tau),
+            (&mut new.cell_sigma, &self.cell_sigma),
+            (&mut new.group_sigma, &self.group_sigma),
+            (&mut new.links, &self.links),
+        ];
+        for (to, from) in pairs {
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = U::from_f64(from.to_f64()));
+        }
+        new.split = self.split;
+        new
+    }
+
+    /// The steps, or what else an iteration begins with, have changed.
+    pub(crate) fn disturb(&mut self) {
         self.age = REFRESH;
-        self.image.copy_from_slice(&other.image);
-        self.dual.copy_from_slice(&other.dual);
-        self.time_dual.copy_from_slice(&other.time_dual);
-        self.bound_dual.copy_from_slice(&other.bound_dual);
+        self.prepared = false;
+    }
+
+    /// Blocks of frames that share their steps.
+    pub(crate) fn blocks(&self) -> usize {
+        self.stride / LANES
     }
 
     /// Which frames are linked to their next one, `[stride]`, 1 or 0. The last one never is.
     pub(crate) fn links_mut(&mut self) -> &mut [T] {
-        self.prepared = None;
+        self.prepared = false;
         &mut self.links
     }
 
@@ -114,7 +151,7 @@ impl<T: Float> State<T> {
     /// Forgets image and duals.
     pub(crate) fn clear(&mut self) {
         self.age = REFRESH;
-        self.prepared = None;
+        self.prepared = false;
         let zero = T::default();
         self.image.fill(zero);
         self.dual.fill(zero);
@@ -126,7 +163,7 @@ impl<T: Float> State<T> {
     /// in time to it yet.
     pub(crate) fn shift(&mut self) {
         self.age = REFRESH;
-        self.prepared = None;
+        self.prepared = false;
         let (stride, frames) = (self.stride, self.frames);
         for array in [&mut self.image, &mut self.dual, &mut self.bound_dual] {
             for row in array.chunks_exact_mut(stride) {
@@ -144,16 +181,11 @@ impl<T: Float> State<T> {
     /// Subtracts the last frame's image from those of `frames`.
     pub(crate) fn subtract_newest(&mut self, frames: std::ops::Range<usize>) {
         self.age = REFRESH;
-        self.prepared = None;
+        self.prepared = false;
         let last = self.frames - 1;
         for row in self.image.chunks_exact_mut(self.stride) {
             let newest = row[last];
             row[frames.clone()].iter_mut().for_each(|x| *x = *x - newest);
         }
-    }
-
-    /// `q_t` of an unknown.
-    pub(crate) fn time_dual_row(&self, unknown: usize) -> &[T] {
-        &self.time_dual[PAD + unknown * self.stride..][..self.stride]
     }
 }

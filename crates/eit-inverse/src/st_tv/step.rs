@@ -1,9 +1,20 @@
-//! Step sizes, from norms alone.
+//! The step map: how far each unknown may go in one iteration.
+//!
+//! ```text
+//! g     = gradient of the image, dilated by two, its largest value over a block of frames
+//! tau   = c sqrt(max(g, floor X) / X)          X: largest value of the image
+//! sigma = s / max tau over what the difference touches,   s of its own for space, time and bounds
+//! ```
+//!
+//! with `|D|^2 s_space + 4 s_time + s_bounds = 1`: then `|Sigma^1/2 [D; D_t; I] T^1/2| <= 1`. Large steps where the image may move, small ones where it is
+//! flat. `c` is a share of that for which image and dual variables have equally far to go, measured
+//! in the map's own metric: nothing is tuned to a problem.
 
 use super::float::Float;
+use super::kernel::LANES;
 use super::operators::Operators;
 use super::problem::Problem;
-use super::state::State;
+use super::state::{PAD, State};
 
 /// Share of the balanced step that is best to begin with, on the reference problems; a factor of
 /// two either way costs a tenth of the iterations.
@@ -24,19 +35,30 @@ fn balanced(image: f64, dual: f64, norm_squared: f64) -> Option<f64> {
     (step > 0.0 && step.is_finite()).then_some(step)
 }
 
+/// Squared norms of the frames' linear images, and of the force of their data.
+pub(crate) fn linear_image(problem: &Problem<'_>) -> [f64; 2] {
+    let (mut image, mut force) = (0.0, 0.0);
+    for (target, &mode) in problem.targets.iter().zip(problem.mode_of) {
+        let mode = &problem.modes[mode];
+        let rank = problem.singular.len();
+        for (k, s) in problem.singular.iter().enumerate() {
+            // of whole frames only the diagonal
+            let rows = if mode.is_whole { k..k + 1 } else { 0..mode.rows };
+            let pull: f64 = rows.map(|i| mode.transposed[i * rank + k] * target.values[i]).sum();
+            image += (pull / (s * s + 1e-3)).powi(2);
+            force += pull.powi(2);
+        }
+    }
+    [image, force]
+}
+
 /// A first guess, from the least squares image and the largest dual variables.
 pub(crate) fn guess<T: Float>(
     problem: &Problem<'_>,
     ops: &Operators<T>,
     state: &State<T>,
 ) -> Option<f64> {
-    let (mut image, mut force) = (0.0, 0.0);
-    for (target, &mode) in problem.targets.iter().zip(problem.mode_of) {
-        for (b, s) in target.values.iter().zip(&problem.modes[mode].singular) {
-            image += (s * b / (s * s + 1e-3)).powi(2);
-            force += (s * b).powi(2);
-        }
-    }
+    let [image, force] = linear_image(problem);
     let square = |radii: &[T]| radii.iter().map(|r| r.to_f64().powi(2)).sum::<f64>();
     let frames = state.frames as f64;
     let mut dual = frames * square(&ops.radius) * problem.lambda_space.powi(2);
@@ -48,10 +70,197 @@ pub(crate) fn guess<T: Float>(
     balanced(image, dual, norm_squared(ops, state))
 }
 
+/// Least gradient relative to the largest value of the image.
+const FLOOR: f64 = 2e-3;
+
+/// Least share of the duals' norm that each of space, time and bounds counts with.
+const LEAST_SHARE: f64 = 0.02;
+
 /// From an iterate.
 pub(crate) fn measure<T: Float>(ops: &Operators<T>, state: &State<T>) -> Option<f64> {
     let square = |values: &[T]| values.iter().map(|v| v.to_f64().powi(2)).sum::<f64>();
     let image = square(&state.image);
-    let dual = square(&state.dual) + square(&state.time_dual);
+    let dual = square(&state.dual) + square(&state.time_dual) + square(&state.bound_dual);
     balanced(image, dual, norm_squared(ops, state))
+}
+
+/// One step for all unknowns.
+pub(crate) fn set_uniform<T: Float>(ops: &Operators<T>, state: &mut State<T>, tau: f64) {
+    let blocks = state.blocks();
+    state.tau[..ops.unknowns * blocks].fill(T::from_f64(tau));
+    state.split = even_split(ops, state);
+    set_sigma(ops, state);
+}
+
+/// Multiplies all steps.
+pub(crate) fn scale<T: Float>(ops: &Operators<T>, state: &mut State<T>, factor: f64) {
+    let factor = T::from_f64(factor);
+    state.tau.iter_mut().for_each(|tau| *tau = factor * *tau);
+    set_sigma(ops, state);
+}
+
+/// Steps by the gradient of the image; `share` of those that are balanced. False, and nothing
+/// changed, where there is nothing to measure.
+pub(crate) fn set_map<T: Float>(
+    ops: &Operators<T>,
+    state: &mut State<T>,
+    scratch: &mut MapScratch<T>,
+    share: f64,
+) -> bool {
+    let blocks = state.blocks();
+    let size = state.image.iter().fold(T::default(), |most, x| most.max(x.abs()));
+    if !(size > T::default() && size.to_f64().is_finite()) {
+        return false;
+    }
+    scratch.gradient(ops, state);
+    scratch.before.copy_from_slice(&state.tau);
+    let per_size = 1.0 / size.to_f64();
+    for (tau, g) in state.tau[..ops.unknowns * blocks].iter_mut().zip(&scratch.cells) {
+        *tau = T::from_f64((g.to_f64() * per_size).max(FLOOR).sqrt());
+    }
+    let Some(factor) = balance(ops, state) else {
+        state.tau.copy_from_slice(&scratch.before);
+        return false;
+    };
+    scale(ops, state, share * factor);
+    true
+}
+
+/// `Sigma` from `T`.
+fn set_sigma<T: Float>(ops: &Operators<T>, state: &mut State<T>) {
+    let blocks = state.blocks();
+    let State { tau, cell_sigma, group_sigma, split: [space, time, _], .. } = state;
+    let cells = cell_sigma[..ops.unknowns * blocks].iter_mut();
+    cells.zip(&*tau).for_each(|(s, tau)| *s = T::from_f64(*time / tau.to_f64()));
+    for (group, sigmas) in ops.groups.iter().zip(group_sigma.chunks_exact_mut(blocks)) {
+        for (block, s) in sigmas.iter_mut().enumerate() {
+            let largest = largest_tau(tau, group.unknowns, blocks, block);
+            *s = T::from_f64(*space / largest);
+        }
+    }
+}
+
+fn largest_tau<T: Float>(tau: &[T], unknowns: [u32; 3], blocks: usize, block: usize) -> f64 {
+    let own = unknowns.map(|p| tau[p as usize * blocks + block].to_f64());
+    own[0].max(own[1]).max(own[2])
+}
+
+/// Squared norms of the differences in space, in time, and of the bounds; 0 for what is not there.
+fn squared_norms<T: Float>(ops: &Operators<T>, state: &State<T>) -> [f64; 3] {
+    let time = if state.time_dual.is_empty() { 0.0 } else { 4.0 };
+    let bounds = if state.bound_dual.is_empty() { 0.0 } else { 1.0 };
+    [ops.norm_squared, time, bounds]
+}
+
+/// `sigma tau` of all three alike.
+fn even_split<T: Float>(ops: &Operators<T>, state: &State<T>) -> [f64; 3] {
+    [1.0 / squared_norms(ops, state).iter().sum::<f64>().max(1.0); 3]
+}
+
+/// Sets how the duals of space, time and bounds share `sum |.|^2 sigma tau <= 1`, each by what it
+/// carries, and gives the step for which image and duals have equally far to go.
+///
+/// ```text
+/// min  sum_i N_i / s_i  with  sum_i c_i s_i = 1:     s_i = sqrt(N_i / c_i) / sum_j sqrt(c_j N_j)
+/// ```
+///
+/// with `N_i` the squared duals over the steps, and `c_i` the squared norms.
+fn balance<T: Float>(ops: &Operators<T>, state: &mut State<T>) -> Option<f64> {
+    let (stride, blocks) = (state.stride, state.blocks());
+    let square = |row: &[T]| row.iter().map(|v| v.to_f64().powi(2)).sum::<f64>();
+    let (mut image, mut carried) = (0.0, [0.0; 3]);
+    for p in 0..ops.unknowns {
+        for block in 0..blocks {
+            let at = p * stride + block * LANES..p * stride + (block + 1) * LANES;
+            let tau = state.tau[p * blocks + block].to_f64();
+            image += square(&state.image[at.clone()]) / tau;
+            if !state.time_dual.is_empty() {
+                carried[1] += tau * square(&state.time_dual[PAD..][at.clone()]);
+            }
+            if !state.bound_dual.is_empty() {
+                carried[2] += tau * square(&state.bound_dual[at]);
+            }
+        }
+    }
+    for (index, group) in ops.groups.iter().enumerate() {
+        for block in 0..blocks {
+            let tau = largest_tau(&state.tau, group.unknowns, blocks, block);
+            for c in 0..ops.components {
+                let at = (index * ops.components + c) * stride + block * LANES;
+                carried[0] += tau * square(&state.dual[at..at + LANES]);
+            }
+        }
+    }
+    let norms = squared_norms(ops, state);
+    let all: f64 = carried.iter().sum();
+    if !(all > 0.0 && all.is_finite()) {
+        return None;
+    }
+    // what carries nothing now may have to later
+    let carried = carried.map(|n| n.max(LEAST_SHARE * all));
+    let sum: f64 = carried.iter().zip(&norms).map(|(n, c)| (n * c).sqrt()).sum();
+    for ((s, n), c) in state.split.iter_mut().zip(&carried).zip(&norms) {
+        *s = if *c > 0.0 { (n / c).sqrt() / sum } else { 1.0 };
+    }
+    let terms = carried.iter().zip(&norms).zip(&state.split);
+    let dual: f64 = terms.map(|((n, c), s)| if *c > 0.0 { n / s } else { 0.0 }).sum();
+    let factor = (image / dual).sqrt();
+    (factor > 0.0 && factor.is_finite()).then_some(factor)
+}
+
+/// Memory for a step map.
+#[derive(Debug)]
+pub(crate) struct MapScratch<T> {
+    /// Gradient of each unknown and of each group, in blocks of frames.
+    cells: Vec<T>,
+    groups: Vec<T>,
+    /// Steps that a map which fails leaves as they were.
+    before: Vec<T>,
+}
+
+impl<T: Float> MapScratch<T> {
+    pub(crate) fn new(ops: &Operators<T>, state: &State<T>) -> Self {
+        let zero = T::default();
+        Self {
+            cells: vec![zero; ops.unknowns * state.blocks()],
+            groups: vec![zero; ops.groups.len() * state.blocks()],
+            before: state.tau.clone(),
+        }
+    }
+
+    /// The largest differences of the image, dilated by two groups.
+    fn gradient(&mut self, ops: &Operators<T>, state: &State<T>) {
+        let (stride, blocks) = (state.stride, state.blocks());
+        for (group, out) in ops.groups.iter().zip(self.groups.chunks_exact_mut(blocks)) {
+            let [a, b, c] = group.unknowns.map(|p| &state.image[p as usize * stride..][..stride]);
+            for (block, out) in out.iter_mut().enumerate() {
+                let mut most = T::default();
+                for t in block * LANES..(block + 1) * LANES {
+                    for w in &group.weights {
+                        let d = w[0] * a[t] + w[1] * b[t] + w[2] * c[t];
+                        most = most.max(d.abs());
+                    }
+                }
+                *out = most;
+            }
+        }
+        self.cells.fill(T::default());
+        for round in 0..3 {
+            for (group, own) in ops.groups.iter().zip(self.groups.chunks_exact(blocks)) {
+                for p in group.unknowns {
+                    let cells = &mut self.cells[p as usize * blocks..][..blocks];
+                    cells.iter_mut().zip(own).for_each(|(c, g)| *c = c.max(*g));
+                }
+            }
+            if round == 2 {
+                break;
+            }
+            for (group, own) in ops.groups.iter().zip(self.groups.chunks_exact_mut(blocks)) {
+                for p in group.unknowns {
+                    let cells = &self.cells[p as usize * blocks..][..blocks];
+                    own.iter_mut().zip(cells).for_each(|(g, c)| *g = g.max(*c));
+                }
+            }
+        }
+    }
 }

@@ -3,13 +3,14 @@
 //! Long because every event of a running instrument is a method of one type, and each must leave all
 //! of its arrays consistent.
 
-use super::certificate::Evaluation;
-use super::data::{Mode, ModeScratch, Target};
-use super::fit::{self, Memory};
+use super::certificate::{Effort, Evaluation, Iterate, LARGEST_WEIGHT};
+use super::data::{Seen, Target};
+use super::fit::DataSteps;
+use super::flow::Flow;
 use super::settings::{Fidelity, StreamSettings};
-use super::state::State;
-use super::step;
-use super::window::{Outcome, Which, Window};
+use super::state::{State, Weights};
+use super::step::{self, MapScratch};
+use super::window::{Outcome, Window};
 use super::{StTv, quiet::quiet_threshold};
 use crate::check::{check_length, check_positive};
 use crate::{Certificate, InverseError, SequenceStatus};
@@ -57,9 +58,14 @@ pub struct StTvStream {
     settings: StreamSettings,
     /// Frames in the window so far, the last ones.
     filled: usize,
-    image: State<f32>,
-    proof: State<f32>,
+    state: State<f32>,
+    data: DataSteps<f32>,
+    map: MapScratch<f32>,
+    flow: Flow<f32>,
     evaluation: Evaluation,
+    /// The best images of a push, `[unknown][stride]`, and their residuals.
+    best: Vec<f64>,
+    best_residual: Vec<f64>,
     scratch: Scratch,
     window: Window,
     /// Difference data and channels as pushed, `[frame][measurement]`.
@@ -67,9 +73,17 @@ pub struct StTvStream {
     good: Vec<Vec<bool>>,
     /// No data at all.
     dropped: Vec<bool>,
-    step: f64,
-    /// Iterations on the image that the next push begins with.
+    /// Iterations that the next push begins with.
     expected: usize,
+    /// Iterations since the window was at rest, until its step map fits.
+    since_rest: usize,
+    /// Iterations of this push.
+    spent: usize,
+    /// Steps of this push relative to the usual: larger where the bound has farther to go than the image.
+    boost: f64,
+    /// Squared linear images of the window at its last step map.
+    mapped: f64,
+    smoothing: f64,
     /// Norm of a frame's data that is 1 inside; 0 before there is any.
     scale: f64,
     pushed: usize,
@@ -81,11 +95,9 @@ pub struct StTvStream {
 /// Memory that a push writes before it reads.
 struct Scratch {
     /// The frame that is being pushed, until all of it is known to be fine.
-    mode: Mode,
+    mode: Seen,
     target: Target,
     good: Vec<bool>,
-    modes: ModeScratch,
-    columns: [Vec<f64>; 2],
     whitened: Vec<f64>,
 }
 
@@ -95,23 +107,40 @@ impl std::fmt::Debug for Scratch {
     }
 }
 
-/// Step of the image's run relative to the balanced one: that of a batch solve after some hundred
-/// iterations, as the window starts near its solution.
-const WARM_STEP: f64 = 0.25;
-/// Step of the proof's run relative to the image's.
-const PROOF_STEP: f64 = 100.0;
+/// Steps of the map relative to balanced ones: between those that settle an image and those that
+/// prove it, as one run does both.
+const SHARE: f64 = 0.4;
+/// With bounds, steps of this part: their forces have far to go, as in a causal frame. The window of the
+/// example of a stream takes 98 to 392 iterations a frame, with whole steps 129 to 1309.
+const BOUNDED_SHARE: f64 = 0.3;
+/// Smoothing of the norms, and the iterations of a push after which it falls, see [`super::run`].
+const SMOOTHING: f64 = 0.04;
+const SMOOTH: f64 = 120.0;
 /// A frame this much larger than the unit of the data sets another one.
 const OUTGROWN: f64 = 1e4;
-/// Pushes between two measurements of the norms that set the step.
-const MEASURE_EVERY: usize = 8;
-/// Iterations on the image before the first evaluation of the first push, and the least of any.
+/// Pushes between two step maps.
+const MAP_EVERY: usize = 4;
+/// Iterations after rest at which the first steps are measured, and at which maps are made.
+const MEASURE_AT: [usize; 2] = [8, 16];
+const MAP_AT: [usize; 3] = [24, 48, 96];
+/// Steps of the flow of a proof.
+const FLOW_STEPS: usize = 50;
+/// Growth of the squared linear images from one map to a push that makes the map useless: something
+/// came that it has no steps for, and the steps are measured as after rest.
+const ONSET: f64 = 4.0;
+/// The gap falls like this power of the iterations.
+const POWER: f64 = 3.0;
+/// Iterations of a push after which the map at hand is stale: another one is made here, and each time
+/// the iterations have doubled.
+const STALE: usize = 150;
+/// Iterations before the first evaluation of the first push, and the least of any.
 const FIRST_ROUND: usize = 20;
-/// A later push begins with this share of what the one before it took: evaluations are dear, and
-/// so is a proof that comes too early. Rounds after the first add this share of all before.
-const BEGIN: f64 = 0.9;
-const GROWTH: f64 = 0.35;
-/// Iterations of a proof, relative to all of the image's before it.
-const PROOF_SHARE: f64 = 0.7;
+/// A later push begins with this share of what the one before it took: evaluations are dear. Rounds
+/// after the first add this share of all before.
+const BEGIN: f64 = 0.85;
+const GROWTH: f64 = 0.15;
+/// Iterations between two looks at the clock.
+const CLOCK: usize = 4;
 
 impl StTvStream {
     /// Sets up a stream.
@@ -133,44 +162,56 @@ impl StTvStream {
             }
         }
         let time = window > 1 && solver.settings.lambda_time > 0.0;
-        let mut image = State::new(&solver.single, window, time, solver.settings.bounded());
-        image.links_mut().fill(0.0);
-        let proof = image.clone();
-        let evaluation = Evaluation::new(&solver.double, &image, &solver.parts);
-        let (rank, measurements) = (solver.rank(), solver.measurements());
-        let mut empty = Mode::with_room(&solver.compression);
-        empty.drop_data();
+        let mut state = State::new(&solver.single, window, time, solver.settings.bounded());
+        state.links_mut().fill(0.0);
+        let evaluation = Evaluation::new(&solver.double, &state, &solver.parts);
+        let measurements = solver.measurements();
+        // a copy would not keep the room
+        let empty = || {
+            let mut seen = Seen::new(&solver.compression);
+            seen.clear();
+            seen
+        };
+        let empty_target = Target::zero(&solver.compression);
         let scratch = Scratch {
-            mode: empty.with_same_room(),
-            target: Target::zero(rank),
+            mode: empty(),
+            target: empty_target.clone(),
             good: vec![false; measurements],
-            modes: ModeScratch::new(&solver.compression),
-            columns: [vec![0.0; rank], vec![0.0; rank]],
             whitened: vec![0.0; measurements],
         };
-        let modes = (0..window).map(|_| empty.with_same_room()).collect();
+        let frames = Window {
+            modes: (0..window).map(|_| empty()).collect(),
+            mode_of: (0..window).collect(),
+            targets: vec![empty_target; window],
+            delta: match solver.settings.fidelity {
+                Fidelity::Penalised => Vec::new(),
+                Fidelity::Constrained { .. } => vec![0.0; window],
+            },
+            weights: [0.0; 2],
+            bounds: None,
+        };
+        let data =
+            DataSteps::new(&frames.problem(&solver), &solver.single, &state, window, target_gap);
         Ok(Self {
             filled: 0,
-            image,
-            proof,
+            data,
+            map: MapScratch::new(&solver.single, &state),
+            flow: Flow::new(&solver.single, &state),
+            best: evaluation.image.clone(),
+            best_residual: evaluation.residual.clone(),
+            state,
             evaluation,
             scratch,
-            window: Window {
-                modes,
-                mode_of: (0..window).collect(),
-                targets: vec![Target::zero(rank); window],
-                delta: match solver.settings.fidelity {
-                    Fidelity::Penalised => Vec::new(),
-                    Fidelity::Constrained { .. } => vec![0.0; window],
-                },
-                weights: [0.0; 2],
-                bounds: None,
-            },
+            window: frames,
             raw: vec![vec![0.0; measurements]; window],
             good: vec![vec![false; measurements]; window],
             dropped: vec![true; window],
-            step: 1.0,
             expected: FIRST_ROUND,
+            since_rest: 0,
+            spent: 0,
+            boost: 1.0,
+            mapped: 0.0,
+            smoothing: 0.0,
             scale: 0.0,
             pushed: 0,
             lagged: vec![0.0; solver.unknowns()],
@@ -226,7 +267,7 @@ impl StTvStream {
         self.advance();
         let newest = self.settings.window - 1;
         self.dropped[newest] = true;
-        self.window.modes[newest].drop_data();
+        self.window.modes[newest].clear();
         self.window.targets[newest].clear();
         self.finish(start)
     }
@@ -264,8 +305,7 @@ impl StTvStream {
             }
         }
         if self.newest_power() < before {
-            self.image.subtract_newest(frames.clone());
-            self.proof.subtract_newest(frames);
+            self.state.subtract_newest(frames);
         }
         Ok(())
     }
@@ -277,13 +317,11 @@ impl StTvStream {
         }
         let window = self.settings.window;
         for frame in (window - self.filled..window).filter(|&f| !self.dropped[f]) {
-            let Scratch { columns, whitened, .. } = &mut self.scratch;
-            let raw = &self.raw[frame];
-            let Window { modes, targets, .. } = &mut self.window;
-            let (mode, target) = (&modes[frame], &mut targets[frame]);
-            target.set(&self.solver.compression, mode, |i| raw[i], &mut columns[0], whitened);
             let one = if self.scale > 0.0 { self.scale } else { 1.0 };
-            target.divide(one);
+            let Self { solver, scratch, window, raw, .. } = self;
+            let (mode, target) = (&window.modes[frame], &mut window.targets[frame]);
+            whiten(solver, mode, &raw[frame], &mut scratch.whitened);
+            mode.take(&solver.compression, &scratch.whitened, one, target);
         }
     }
 
@@ -313,7 +351,7 @@ impl StTvStream {
     fn value(&self, frame: usize, unknown: usize) -> f64 {
         let per_image = self.scale / self.solver.unit;
         let settings = &self.solver.settings;
-        let value = self.evaluation.image[unknown * self.image.stride + frame] * per_image;
+        let value = self.best[unknown * self.state.stride + frame] * per_image;
         value.clamp(settings.lower_s, settings.upper_s)
     }
 
@@ -322,8 +360,7 @@ impl StTvStream {
         let window = self.settings.window;
         self.pushed += 1;
         if !self.resting {
-            self.image.shift();
-            self.proof.shift();
+            self.state.shift();
         }
         self.window.modes.rotate_left(1);
         self.window.targets.rotate_left(1);
@@ -332,10 +369,8 @@ impl StTvStream {
         self.dropped.rotate_left(1);
         self.filled = (self.filled + 1).min(window);
         let first = window - self.filled;
-        for state in [&mut self.image, &mut self.proof] {
-            for (frame, link) in state.links_mut().iter_mut().enumerate() {
-                *link = if frame >= first && frame + 1 < window { 1.0 } else { 0.0 };
-            }
+        for (frame, link) in self.state.links_mut().iter_mut().enumerate() {
+            *link = if frame >= first && frame + 1 < window { 1.0 } else { 0.0 };
         }
     }
 
@@ -343,12 +378,13 @@ impl StTvStream {
     /// frame's expansion is taken where the channels are the same.
     fn stage(&mut self, dv: &[f64]) -> Result<(), InverseError> {
         let Self { solver, window, scratch, .. } = self;
-        let Scratch { mode, target, good, modes, columns, whitened } = scratch;
+        let Scratch { mode, target, good, whitened } = scratch;
         match window.modes.last() {
-            Some(last) if last.fits(&solver.compression, good) => mode.take(last),
-            _ => mode.set(&solver.compression, |i| !good[i], modes)?,
+            Some(last) if last.fits(&solver.compression, |i| good[i]) => mode.copy_from(last),
+            _ => mode.set(&solver.compression, |i| good[i]),
         }
-        target.set(&solver.compression, mode, |i| dv[i], &mut columns[0], whitened);
+        whiten(solver, mode, dv, whitened);
+        mode.take(&solver.compression, whitened, 1.0, target);
         self.check_delta(self.pushed, &self.scratch.mode, &self.scratch.target, 1.0)
     }
 
@@ -356,7 +392,7 @@ impl StTvStream {
     fn check_delta(
         &self,
         frame: usize,
-        mode: &Mode,
+        mode: &Seen,
         target: &Target,
         one: f64,
     ) -> Result<(), InverseError> {
@@ -370,9 +406,9 @@ impl StTvStream {
     }
 
     /// Radius of a frame with these channels.
-    fn delta(&self, mode: &Mode) -> Option<f64> {
+    fn delta(&self, mode: &Seen) -> Option<f64> {
         let Fidelity::Constrained { delta } = self.solver.settings.fidelity else { return None };
-        Some(delta * (mode.good as f64 / self.solver.full.good as f64).sqrt())
+        Some(delta * (mode.count as f64 / self.solver.channels as f64).sqrt())
     }
 
     /// Sets the unit of the data from the staged frame where there is none yet, or where this frame
@@ -380,7 +416,7 @@ impl StTvStream {
     fn fit_scale(&mut self) {
         let target = &self.scratch.target;
         let noise = match self.solver.settings.noise_std {
-            Some(_) => (self.window.modes[self.settings.window - 1].good as f64).sqrt(),
+            Some(_) => (self.window.modes[self.settings.window - 1].count as f64).sqrt(),
             None => 0.0,
         };
         let norm = target.norm().max(noise);
@@ -390,8 +426,8 @@ impl StTvStream {
         if self.scale > 0.0 {
             let unit = norm / self.scale;
             self.window.targets.iter_mut().for_each(|t| t.divide(unit));
-            self.image.clear();
-            self.proof.clear();
+            self.state.clear();
+            self.since_rest = 0;
         }
         self.scale = norm;
     }
@@ -400,7 +436,16 @@ impl StTvStream {
     fn finish(&mut self, start: Instant) -> StreamStep<'_> {
         self.set_units();
         let quiet = self.is_quiet();
-        let outcome = if quiet { self.rest() } else { self.iterate(start) };
+        let outcome = match quiet {
+            true => self.rest(),
+            // only eigenvalues can fail, and those only of what is not finite
+            false => self.iterate(start).unwrap_or(Outcome {
+                status: SequenceStatus::Stalled,
+                iterations: 0,
+                primal: f64::INFINITY,
+                lower_bound: f64::NEG_INFINITY,
+            }),
+        };
         let window = self.settings.window;
         let frame = window - 1 - self.settings.lag;
         let known = self.settings.lag < self.filled;
@@ -420,7 +465,7 @@ impl StTvStream {
                 primal: outcome.primal * objective,
                 lower_bound: outcome.lower_bound * objective,
             },
-            residual: if known { self.evaluation.residual[frame] * one } else { 0.0 },
+            residual: if known { self.best_residual[frame] * one } else { 0.0 },
             quiet,
             seconds: start.elapsed().as_secs_f64(),
         }
@@ -458,7 +503,7 @@ impl StTvStream {
         let quiet = |frame: usize| {
             let target = &self.window.targets[frame];
             let square = target.values.iter().map(|v| v * v).sum::<f64>() + target.rest_squared;
-            let good = if self.dropped[frame] { 0 } else { self.window.modes[frame].good };
+            let good = if self.dropped[frame] { 0 } else { self.window.modes[frame].count };
             let threshold = if noise { quiet_threshold(good as f64) } else { 0.0 };
             square * self.scale * self.scale <= threshold
         };
@@ -468,13 +513,13 @@ impl StTvStream {
     /// The zero image, which a quiet window gets.
     fn rest(&mut self) -> Outcome {
         if !self.resting {
-            self.image.clear();
-            self.proof.clear();
-            self.evaluation.image.fill(0.0);
+            self.state.clear();
+            self.best.fill(0.0);
             self.resting = true;
         }
+        self.since_rest = 0;
         let mut square = 0.0;
-        for (residual, target) in self.evaluation.residual.iter_mut().zip(&self.window.targets) {
+        for (residual, target) in self.best_residual.iter_mut().zip(&self.window.targets) {
             let own = target.values.iter().map(|v| v * v).sum::<f64>() + target.rest_squared;
             *residual = own.sqrt();
             square += own;
@@ -497,76 +542,157 @@ impl StTvStream {
         }
     }
 
-    /// Rounds of image, proof and evaluation.
-    fn iterate(&mut self, start: Instant) -> Outcome {
+    /// Rounds of iterations and looks.
+    fn iterate(&mut self, start: Instant) -> Result<Outcome, InverseError> {
         self.resting = false;
         let StreamSettings { target_gap, max_iterations, deadline, .. } = self.settings;
         let deadline = deadline.map_or(f64::INFINITY, |d| d.as_secs_f64());
-        let beginning = self.pushed <= MEASURE_EVERY;
-        let mut round = self.expected.max(FIRST_ROUND);
-        let mut done = 0;
         let mut outcome = Outcome {
             status: SequenceStatus::Converged,
             iterations: 0,
             primal: f64::INFINITY,
             lower_bound: f64::NEG_INFINITY,
         };
+        let [linear, _] = step::linear_image(&self.window.problem(&self.solver));
+        if linear > ONSET * self.mapped {
+            self.since_rest = 0;
+            self.expected = FIRST_ROUND;
+        }
+        self.mapped = if self.since_rest == 0 { linear } else { self.mapped };
+        self.spent = 0;
+        self.boost = 1.0;
+        let is_cold = self.since_rest < MAP_AT[MAP_AT.len() - 1];
+        if self.since_rest == 0 {
+            let problem = self.window.problem(&self.solver);
+            let step = step::guess(&problem, &self.solver.single, &self.state).unwrap_or(1.0);
+            self.set_uniform(step)?;
+        } else if !is_cold && self.pushed.is_multiple_of(MAP_EVERY) {
+            self.mapped = linear;
+            self.set_map()?;
+        } else {
+            self.assign()?;
+        }
+        let mut round = self.expected.max(FIRST_ROUND);
+        let mut next_map = STALE;
+        // what a look takes is not known before the first one
+        let mut look_s = 0.0;
         loop {
-            if beginning || outcome.iterations == 0 && self.pushed.is_multiple_of(MEASURE_EVERY) {
-                self.measure_step();
-            }
-            let left = max_iterations - outcome.iterations;
-            let count = round.min((left as f64 / (1.0 + PROOF_SHARE)).ceil() as usize);
-            self.run(count, self.step, Which::Image);
-            done += count;
-            self.proof.copy_from(&self.image);
-            let proof = ((done as f64 * PROOF_SHARE) as usize).min(left - count).max(1);
-            self.run(proof, self.step * PROOF_STEP, Which::Proof);
-            outcome.iterations += count + proof;
-            round = (done as f64 * GROWTH) as usize;
-            self.expected = (done as f64 * BEGIN) as usize;
-            let Self { solver, window, evaluation, image, proof, .. } = self;
-            let problem = window.problem(solver);
-            let bound = evaluation.lower_bound(solver.arch, &problem, proof);
-            outcome.lower_bound = outcome.lower_bound.max(bound);
-            outcome.primal = evaluation.primal(solver.arch, &problem, image);
+            let count = round.min(max_iterations - outcome.iterations);
+            let done = self.run(count, start, deadline - look_s)?;
+            outcome.iterations += done;
+            let before = Instant::now();
+            let last = [outcome.primal, outcome.lower_bound];
+            self.look(&mut outcome);
+            look_s = before.elapsed().as_secs_f64();
+            // nearer to the target than asked: fewer will do next time
+            let spare = (outcome.gap() / target_gap).powf(1.0 / POWER).clamp(0.5, 1.0);
+            // an event says nothing about the frame after it
+            self.expected = ((outcome.iterations as f64 * BEGIN * spare) as usize).min(STALE);
+            round = ((outcome.iterations as f64 * GROWTH) as usize).max(CLOCK);
             if outcome.gap() <= target_gap {
-                return outcome;
+                return Ok(outcome);
             }
-            if start.elapsed().as_secs_f64() >= deadline {
-                return Outcome { status: SequenceStatus::Deadline, ..outcome };
+            if done < count || start.elapsed().as_secs_f64() >= deadline {
+                return Ok(Outcome { status: SequenceStatus::Deadline, ..outcome });
             }
             if outcome.iterations >= max_iterations {
-                return Outcome { status: SequenceStatus::IterationCap, ..outcome };
+                return Ok(Outcome { status: SequenceStatus::IterationCap, ..outcome });
+            }
+            // with bounds a map within a frame disturbs more than it mends: the frame after a release takes
+            // 1037 iterations without, more than 2000 with them
+            if outcome.iterations >= next_map && self.window.bounds.is_none() {
+                next_map = 2 * outcome.iterations;
+                let [raised, fallen] = [outcome.lower_bound - last[1], last[0] - outcome.primal];
+                if raised > 8.0 * fallen {
+                    self.boost = (self.boost * 1.5).min(16.0);
+                } else if fallen > 8.0 * raised {
+                    self.boost = (self.boost / 1.5).max(1.0 / 16.0);
+                }
+                self.set_map()?;
             }
         }
     }
 
-    /// Iterations of one of the runs; the last one keeps its image as the candidate.
-    fn run(&mut self, count: usize, tau: f64, which: Which) {
-        let Self { solver, window, evaluation, image, proof, scratch, .. } = self;
-        let state = match which {
-            Which::Image => image,
-            Which::Proof => proof,
-        };
+    /// Values the candidate and bounds the optimum; keeps the better ones.
+    fn look(&mut self, outcome: &mut Outcome) {
+        let Self { solver, window, evaluation, state, data, flow, .. } = self;
         let problem = window.problem(solver);
-        for k in 0..count {
-            let memory =
-                Memory { columns: &mut scratch.columns, data_dual: &mut evaluation.data_dual };
-            let last = k + 1 == count;
-            let (arch, ops) = (solver.arch, &solver.single);
-            fit::iterate(arch, ops, &problem, state, memory, [tau; 2], last);
+        let primal = evaluation.primal(solver.arch, &problem, state);
+        if primal < outcome.primal || outcome.primal == f64::INFINITY {
+            outcome.primal = primal;
+            self.best.copy_from_slice(&evaluation.image);
+            self.best_residual.copy_from_slice(&evaluation.residual);
         }
+        let iterate = Iterate { ops: &solver.single, state, data };
+        let effort = Effort { steps: FLOW_STEPS, slack: 0.5 * self.settings.target_gap };
+        let bound = evaluation.lower_bound(solver.arch, &problem, iterate, flow, effort);
+        outcome.lower_bound = outcome.lower_bound.max(bound);
     }
 
-    /// Sets the step from the norms of image and dual variables, or from the data before there are
-    /// any.
-    fn measure_step(&mut self) {
-        let ops = &self.solver.single;
-        let measured = step::measure(ops, &self.image);
-        let problem = self.window.problem(&self.solver);
-        if let Some(step) = measured.or_else(|| step::guess(&problem, ops, &self.image)) {
-            self.step = WARM_STEP * step;
+    /// Iterations, the last of which keeps its image as the candidate; returns how many there was
+    /// time for, one at least.
+    fn run(&mut self, count: usize, start: Instant, deadline: f64) -> Result<usize, InverseError> {
+        let [lambda_space, lambda_time] = self.window.weights.map(|w| w.min(LARGEST_WEIGHT));
+        for k in 0..count {
+            if MEASURE_AT.contains(&self.since_rest) {
+                if let Some(step) = step::measure(&self.solver.single, &self.state) {
+                    self.set_uniform(step)?;
+                }
+            } else if MAP_AT.contains(&self.since_rest) {
+                self.set_map()?;
+            }
+            self.since_rest += 1;
+            self.spent += 1;
+            let clock = (k + 1).is_multiple_of(CLOCK);
+            let late = clock && start.elapsed().as_secs_f64() >= deadline;
+            let (bounds, smoothing) = (self.window.bounds, self.smoothing);
+            let weights = Weights { lambda_space, lambda_time, bounds, smoothing };
+            let Self { solver, state, data, .. } = self;
+            let last = late || k + 1 == count;
+            state.iterate(solver.arch, &solver.single, &weights, data, last);
+            if late {
+                return Ok(k + 1);
+            }
         }
+        Ok(count)
+    }
+
+    fn set_uniform(&mut self, step: f64) -> Result<(), InverseError> {
+        self.smoothing = 0.0;
+        step::set_uniform(&self.solver.single, &mut self.state, step);
+        self.set_data()
+    }
+
+    /// A step map from the images at hand.
+    fn set_map(&mut self) -> Result<(), InverseError> {
+        let Self { solver, state, map, window, .. } = self;
+        let bounded = if window.bounds.is_some() { BOUNDED_SHARE } else { 1.0 };
+        if step::set_map(&solver.single, state, map, bounded * self.boost * SHARE) {
+            let size = state.image.iter().fold(0.0_f32, |most, x| most.max(x.abs()));
+            let fading = (SMOOTH / self.spent.max(1) as f64).powi(2).min(1.0);
+            self.smoothing = SMOOTHING * self.settings.target_gap * f64::from(size) * fading;
+        }
+        self.set_data()
+    }
+
+    /// Data steps of the map at hand.
+    fn set_data(&mut self) -> Result<(), InverseError> {
+        let Self { solver, window, state, data, .. } = self;
+        state.disturb();
+        data.set_map(solver.arch, &window.problem(solver), &solver.single, state)
+    }
+
+    /// Data steps of the window's channels and data.
+    fn assign(&mut self) -> Result<(), InverseError> {
+        let Self { solver, window, state, data, .. } = self;
+        state.disturb();
+        data.assign(solver.arch, &window.problem(solver), &solver.single, state)
+    }
+}
+
+/// Whitened data; masked values may be NaN.
+fn whiten(solver: &StTv, mode: &Seen, dv: &[f64], out: &mut [f64]) {
+    for (i, value) in out.iter_mut().enumerate() {
+        *value = if mode.good[i] { solver.compression.root_weights[i] * dv[i] } else { 0.0 };
     }
 }

@@ -5,26 +5,29 @@
 use super::float::Float;
 use super::kernel::{LANES, PANEL, add_row, add_scaled, analyse, lanes, row, row_mut, synthesise};
 use super::operators::{BLOCK, Group, Operators};
-use super::state::{PAD, RHO, State, Steps};
+use super::state::{PAD, RHO, State, Weights};
 use pulp::{Simd, WithSimd};
 
-/// [`Steps`] in the iteration's type.
+/// [`Weights`] in the iteration's type.
 pub(super) struct Scaled<T> {
-    pub(super) sigma: T,
     pub(super) rho: T,
     pub(super) space: T,
     pub(super) time: T,
     pub(super) bounds: Option<[T; 2]>,
+    pub(super) smoothing: T,
+    /// Below every radius that counts, above zero.
+    tiny: T,
 }
 
 impl<T: Float> Scaled<T> {
-    pub(super) fn new(steps: &Steps) -> Self {
+    pub(super) fn new(weights: &Weights) -> Self {
         Self {
-            sigma: T::from_f64(steps.sigma),
             rho: T::from_f64(RHO),
-            space: T::from_f64(steps.lambda_space),
-            time: T::from_f64(steps.lambda_time),
-            bounds: steps.bounds.map(|b| b.map(T::from_f64)),
+            space: T::from_f64(weights.lambda_space),
+            time: T::from_f64(weights.lambda_time),
+            bounds: weights.bounds.map(|b| b.map(T::from_f64)),
+            smoothing: T::from_f64(weights.smoothing),
+            tiny: T::from_f64(f64::from(f32::MIN_POSITIVE)),
         }
     }
 }
@@ -69,11 +72,10 @@ impl<T: Float> WithSimd for Pull<'_, T> {
     }
 }
 
-/// `w` and its coefficients, without an iteration before.
+/// The force of the duals and the coefficients of `w`, without an iteration before.
 pub(super) struct Descend<'a, T> {
     pub(super) state: &'a mut State<T>,
     pub(super) ops: &'a Operators<T>,
-    pub(super) tau: T,
 }
 
 impl<T: Float> WithSimd for Descend<'_, T> {
@@ -81,66 +83,72 @@ impl<T: Float> WithSimd for Descend<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { state, ops, tau } = self;
+        let Self { state, ops } = self;
         state.next.fill(T::default());
         for block in 0..ops.ready.len() {
-            descend(state, ops, block, tau);
+            descend(state, ops, block);
         }
         std::mem::swap(&mut state.coefficients, &mut state.next);
     }
 }
 
-/// `w` of a block, and its share of the coefficients.
+/// Force of the duals on a block, and the share of its `w` in the coefficients.
 #[inline(always)]
-fn descend<T: Float>(state: &mut State<T>, ops: &Operators<T>, block: usize, tau: T) {
-    let stride = state.stride;
+fn descend<T: Float>(state: &mut State<T>, ops: &Operators<T>, block: usize) {
+    let (stride, blocks) = (state.stride, state.stride / LANES);
     let first = block * BLOCK;
     for p in first..(first + BLOCK).min(ops.unknowns) {
-        step_down(state, ops, p, tau);
+        gather_force(state, ops, p);
+        let own = p * stride;
+        let images = row(&state.image, own, stride).iter().zip(row(&state.work, own, stride));
+        let rows = row_mut(&mut state.block, (p - first) * stride, stride).iter_mut();
+        let taus = &state.tau[p * blocks..][..blocks];
+        for ((w, (x, force)), tau) in rows.zip(images).zip(taus) {
+            *w = add_row(T::default() - *tau, force, *x);
+        }
     }
     let basis = &ops.basis[first / PANEL * ops.padded_rank..];
     let basis = &basis[..BLOCK / PANEL * ops.padded_rank];
-    let own = &state.work[first * stride..][..BLOCK * stride];
-    analyse(basis, ops.padded_rank, 0..state.head, own, stride, &mut state.next);
+    analyse(basis, ops.padded_rank, 0..state.head, &state.block, stride, &mut state.next);
 }
 
-/// `w = x - tau (D' q + D_t' q_t + p + tail)` of an unknown.
+/// `D' q + D_t' q_t + p + tail` of an unknown.
 #[inline(always)]
-fn step_down<T: Float>(state: &mut State<T>, ops: &Operators<T>, unknown: usize, tau: T) {
+fn gather_force<T: Float>(state: &mut State<T>, ops: &Operators<T>, unknown: usize) {
     let stride = state.stride;
     let at = unknown * stride;
-    let minus_tau = T::default() - tau;
+    let one = T::from_f64(1.0);
+    let minus = T::default() - one;
     let mut offset = 0;
     while offset < stride {
         offset += match stride - offset {
-            24.. => divergence::<T, 3>(state, ops, unknown, offset, minus_tau),
-            16.. => divergence::<T, 2>(state, ops, unknown, offset, minus_tau),
-            _ => divergence::<T, 1>(state, ops, unknown, offset, minus_tau),
+            24.. => divergence::<T, 3>(state, ops, unknown, offset),
+            16.. => divergence::<T, 2>(state, ops, unknown, offset),
+            _ => divergence::<T, 1>(state, ops, unknown, offset),
         };
     }
     let work = &mut state.work[at..at + stride];
     if !state.time_dual.is_empty() {
         // before the first frame stands the zero at the end of the row before; one after the other,
         // since the compiler would shuffle two loads that overlap
-        add_scaled(tau, &state.time_dual[PAD + at..][..stride], work);
-        add_scaled(minus_tau, &state.time_dual[PAD + at - 1..][..stride], work);
+        add_scaled(minus, &state.time_dual[PAD + at..][..stride], work);
+        add_scaled(one, &state.time_dual[PAD + at - 1..][..stride], work);
     }
     if !state.bound_dual.is_empty() {
-        add_scaled(minus_tau, &state.bound_dual[at..][..stride], work);
+        add_scaled(one, &state.bound_dual[at..][..stride], work);
     }
     if state.head < ops.padded_rank {
-        add_scaled(minus_tau, &state.tail[at..][..stride], work);
+        add_scaled(one, &state.tail[at..][..stride], work);
     }
 }
 
-/// `w = x - tau D' q` of `B` blocks of frames; returns how many frames these are.
+/// `D' q` of `B` blocks of frames; returns how many frames these are.
 #[inline(always)]
 fn divergence<T: Float, const B: usize>(
     state: &mut State<T>,
     ops: &Operators<T>,
     unknown: usize,
     offset: usize,
-    minus_tau: T,
 ) -> usize {
     let mut sums = [[T::default(); LANES]; B];
     for (r, value) in ops.divergence.row(unknown) {
@@ -150,11 +158,7 @@ fn divergence<T: Float, const B: usize>(
         }
     }
     let at = unknown * state.stride + offset;
-    let image = row(&state.image, at, B * LANES);
-    let work = row_mut(&mut state.work, at, B * LANES);
-    for b in 0..B {
-        work[b] = add_row(minus_tau, &sums[b], image[b]);
-    }
+    row_mut(&mut state.work, at, B * LANES).copy_from_slice(&sums);
     B * LANES
 }
 
@@ -163,7 +167,6 @@ pub(super) struct Sweep<'a, T> {
     pub(super) state: &'a mut State<T>,
     pub(super) ops: &'a Operators<T>,
     pub(super) steps: &'a Scaled<T>,
-    pub(super) next_tau: T,
     pub(super) keep: bool,
 }
 
@@ -172,7 +175,7 @@ impl<T: Float> WithSimd for Sweep<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { state, ops, steps, next_tau, keep } = self;
+        let Self { state, ops, steps, keep } = self;
         state.next.fill(T::default());
         let (mut groups, mut blocks) = (0, 0);
         for (block, ready) in ops.ready.iter().enumerate() {
@@ -185,7 +188,7 @@ impl<T: Float> WithSimd for Sweep<'_, T> {
                 }
             }
             for block in blocks..ready.blocks {
-                descend(state, ops, block, next_tau);
+                descend(state, ops, block);
             }
             (groups, blocks) = (ready.groups, ready.blocks);
         }
@@ -207,14 +210,23 @@ fn ascend<T: Float>(
     let basis = &basis[..BLOCK / PANEL * ops.padded_rank];
     let work = &mut state.work[own.clone()];
     synthesise(basis, ops.padded_rank, 0..state.head, &state.coefficients, stride, work);
-    if keep {
-        state.candidate[own.clone()].copy_from_slice(work);
+    let blocks = stride / LANES;
+    let taus = state.tau[first * blocks..].chunks_exact(blocks);
+    let rows = work.chunks_exact_mut(stride).zip(state.image[own.clone()].chunks_exact_mut(stride));
+    let candidates = state.candidate[own.clone()].chunks_exact_mut(stride);
+    for (((force, image), taus), candidate) in rows.zip(taus).zip(candidates) {
+        if keep {
+            descend_by(image, force, taus, candidate);
+        }
+        extrapolate(image, force, taus, steps.rho);
     }
-    extrapolate(&mut state.image[own.clone()], work, steps.rho);
     if let Some(bounds) = steps.bounds {
+        let per_cell = T::from_f64(state.split[2] / state.split[1]);
+        let sigmas = state.cell_sigma[first * blocks..].chunks_exact(blocks);
         let duals = state.bound_dual[own.clone()].chunks_exact_mut(stride);
-        for (duals, row) in duals.zip(work.chunks_exact(stride)) {
-            bound_step(duals, row, &state.present, steps.sigma, bounds, steps.rho);
+        let rows = state.work[own].chunks_exact(stride);
+        for ((duals, row), sigmas) in duals.zip(rows).zip(sigmas) {
+            bound_step(duals, row, &state.present, sigmas, per_cell, bounds, steps.rho);
         }
     }
     if !state.time_dual.is_empty() {
@@ -224,13 +236,23 @@ fn ascend<T: Float>(
     }
 }
 
-/// `block` holds `x^`: sets it to `2 x^ - x` and relaxes `x`.
+/// `x - tau force` of a row.
 #[inline(always)]
-fn extrapolate<T: Float>(image: &mut [T], block: &mut [T], rho: T) {
+fn descend_by<T: Float>(image: &[T], force: &[T], taus: &[T], out: &mut [T]) {
+    let rows = image.as_chunks::<LANES>().0.iter().zip(force.as_chunks::<LANES>().0);
+    for ((out, (x, f)), tau) in out.as_chunks_mut::<LANES>().0.iter_mut().zip(rows).zip(taus) {
+        *out = add_row(T::default() - *tau, f, *x);
+    }
+}
+
+/// `force` is that on a row of the image `x`: sets it to `2 x^ - x` with `x^ = x - tau force`, and
+/// relaxes `x`.
+#[inline(always)]
+fn extrapolate<T: Float>(image: &mut [T], force: &mut [T], taus: &[T], rho: T) {
     let images = image.as_chunks_mut::<LANES>().0;
-    for (x, b) in images.iter_mut().zip(block.as_chunks_mut::<LANES>().0) {
-        let change: [T; LANES] = lanes(|l| b[l] - x[l]);
-        *b = lanes(|l| b[l] + change[l]);
+    for ((x, f), tau) in images.iter_mut().zip(force.as_chunks_mut::<LANES>().0).zip(taus) {
+        let change: [T; LANES] = lanes(|l| T::default() - *tau * f[l]);
+        *f = lanes(|l| x[l] + change[l] + change[l]);
         *x = lanes(|l| rho.mul_add(change[l], x[l]));
     }
 }
@@ -240,13 +262,15 @@ fn bound_step<T: Float>(
     duals: &mut [T],
     row: &[T],
     present: &[T],
-    sigma: T,
+    sigmas: &[T],
+    per_cell: T,
     bounds: [T; 2],
     rho: T,
 ) {
     let duals = duals.as_chunks_mut::<LANES>().0;
     let rows = row.as_chunks::<LANES>().0.iter().zip(present.as_chunks::<LANES>().0);
-    for (p, (b, present)) in duals.iter_mut().zip(rows) {
+    for ((p, (b, present)), sigma) in duals.iter_mut().zip(rows).zip(sigmas) {
+        let sigma = per_cell * *sigma;
         *p = lanes(|l| {
             let up = sigma.mul_add(b[l], p[l]);
             // zero between the bounds, without dividing by sigma
@@ -263,20 +287,26 @@ fn time_step<T: Float>(
     steps: &Scaled<T>,
     unknown: usize,
 ) {
-    let stride = state.stride;
+    let (stride, blocks) = (state.stride, state.stride / LANES);
     let at = unknown * stride;
     let here = row(&state.work, at, stride);
     // what is read beyond the row's end has no link
     let after = row(&state.work, at + 1, stride);
     let links = row(&state.links, 0, stride);
     let radius = steps.time * ops.time_radius[unknown];
+    let sigmas = &state.cell_sigma[unknown * blocks..][..blocks];
     let duals = row_mut(&mut state.time_dual, PAD + at, stride);
-    for ((q, links), (here, after)) in duals.iter_mut().zip(links).zip(here.iter().zip(after)) {
+    let rows = duals.iter_mut().zip(links).zip(here.iter().zip(after));
+    for (block, ((q, links), (here, after))) in rows.enumerate() {
+        // the last link goes over to the next block
+        let next = sigmas[(block + 1).min(blocks - 1)];
+        let mut sigma = [sigmas[block]; LANES];
+        sigma[LANES - 1] = sigma[0].min(next);
         *q = lanes(|l| {
             let limit = radius * links[l];
-            let up = steps.sigma.mul_add(after[l] - here[l], q[l]);
-            let new = up.min(limit).max(T::default() - limit);
-            steps.rho.mul_add(new - q[l], q[l])
+            let up = sigma[l].mul_add(after[l] - here[l], q[l]);
+            let norm = up.abs().max(sigma[l].mul_add(steps.smoothing, limit)).max(steps.tiny);
+            steps.rho.mul_add(up * (limit / norm) - q[l], q[l])
         });
     }
 }
@@ -304,20 +334,23 @@ fn group_rows<'a, T: Float>(
 
 #[inline(always)]
 fn pair_step<T: Float>(state: &mut State<T>, ops: &Operators<T>, steps: &Scaled<T>, index: usize) {
-    let stride = state.stride;
+    let (stride, blocks) = (state.stride, state.stride / LANES);
     let group = &ops.groups[index];
     let radius = steps.space * ops.radius[index];
     let [first, second, third] = group_rows(&state.work, group, stride);
+    let sigmas = &state.group_sigma[index * blocks..][..blocks];
     let duals = &mut state.dual[2 * index * stride..][..2 * stride];
     let (a, b) = duals.split_at_mut(stride);
     let duals = a.as_chunks_mut::<LANES>().0.iter_mut().zip(b.as_chunks_mut::<LANES>().0);
-    for ((a, b), ((first, second), third)) in duals.zip(first.iter().zip(second).zip(third)) {
+    let rows = first.iter().zip(second).zip(third).zip(sigmas);
+    for ((a, b), (((first, second), third), &sigma)) in duals.zip(rows) {
         let [da, db] = differences(group, [first, second, third]);
-        let up_a = add_row(steps.sigma, &da, *a);
-        let up_b = add_row(steps.sigma, &db, *b);
+        let up_a = add_row(sigma, &da, *a);
+        let up_b = add_row(sigma, &db, *b);
+        let least = sigma.mul_add(steps.smoothing, radius);
         let shrink = lanes(|l| {
             let norm = up_a[l].mul_add(up_a[l], up_b[l] * up_b[l]).sqrt();
-            radius / norm.max(radius)
+            radius / norm.max(least)
         });
         let relax = |up: [T; LANES], old: [T; LANES]| {
             lanes(|l| steps.rho.mul_add(up[l] * shrink[l] - old[l], old[l]))
@@ -334,17 +367,20 @@ fn single_step<T: Float>(
     steps: &Scaled<T>,
     index: usize,
 ) {
-    let stride = state.stride;
+    let (stride, blocks) = (state.stride, state.stride / LANES);
     let group = &ops.groups[index];
     let radius = steps.space * ops.radius[index];
     let [first, second, third] = group_rows(&state.work, group, stride);
+    let sigmas = &state.group_sigma[index * blocks..][..blocks];
     let duals = row_mut(&mut state.dual, index * stride, stride);
-    for (q, ((first, second), third)) in duals.iter_mut().zip(first.iter().zip(second).zip(third)) {
+    let rows = first.iter().zip(second).zip(third).zip(sigmas);
+    for (q, (((first, second), third), &sigma)) in duals.iter_mut().zip(rows) {
         let [d, _] = differences(group, [first, second, third]);
+        let least = sigma.mul_add(steps.smoothing, radius);
         *q = lanes(|l| {
-            let up = steps.sigma.mul_add(d[l], q[l]);
-            let new = up.min(radius).max(T::default() - radius);
-            steps.rho.mul_add(new - q[l], q[l])
+            let up = sigma.mul_add(d[l], q[l]);
+            let shrink = radius / up.abs().max(least);
+            steps.rho.mul_add(up * shrink - q[l], q[l])
         });
     }
 }

@@ -43,8 +43,8 @@ impl<'a> Task<'a> {
         let delta = match fidelity {
             Fidelity::Penalised => Vec::new(),
             Fidelity::Constrained { delta } => {
-                let all = solver.full.good as f64;
-                let share = |f: usize| data.modes[data.mode_of[f]].good as f64 / all;
+                let all = solver.channels as f64;
+                let share = |f: usize| data.modes[data.mode_of[f]].count as f64 / all;
                 (0..count).map(|f| delta * share(f).sqrt()).collect()
             }
         };

@@ -1,16 +1,9 @@
 //! The window of a stream as the iteration and its evaluation see it.
 
 use super::StTv;
-use super::data::{Mode, Target};
+use super::data::{Seen, Target};
 use super::problem::{DataTerm, Problem};
 use crate::SequenceStatus;
-
-/// The two runs.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Which {
-    Image,
-    Proof,
-}
 
 /// How the iteration of a push ended, in inner units.
 pub(super) struct Outcome {
@@ -33,7 +26,7 @@ impl Outcome {
 #[derive(Debug)]
 pub(super) struct Window {
     /// `[frame]`.
-    pub(super) modes: Vec<Mode>,
+    pub(super) modes: Vec<Seen>,
     pub(super) mode_of: Vec<usize>,
     pub(super) targets: Vec<Target>,
     /// Empty where the data is penalised.

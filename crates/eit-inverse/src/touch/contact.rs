@@ -1,5 +1,7 @@
 //! What is reported of a touch.
 
+use super::LearntTouch;
+
 /// Where a touch is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum TouchState {
@@ -37,6 +39,8 @@ pub struct Touch {
     pub intensity_std_s_m2: Option<f64>,
     /// Peak of the conductivity change, siemens (per square); with its sign.
     pub peak_s: f64,
+    /// What presses at known places and forces have taught of it; `None` where none were learnt.
+    pub learnt: Option<LearntTouch>,
     /// How sure it is that there is a touch now, 0 to 1. Of a [`TouchDetector`](super::TouchDetector)'s:
     /// the part of touches that explain as much, are as old and are as well known which were true on
     /// simulated fabrics. Of images: `(1 - p) h`, where `p` is the probability that noise alone
@@ -62,6 +66,16 @@ pub struct Touch {
 }
 
 impl Touch {
+    /// Force, newtons, where it was learnt.
+    pub fn force_n(&self) -> Option<f64> {
+        self.learnt?.force_n.map(|[force_n, _]| force_n)
+    }
+
+    /// Standard deviation of the force, newtons.
+    pub fn force_std_n(&self) -> Option<f64> {
+        self.learnt?.force_n.map(|[_, std_n]| std_n)
+    }
+
     /// Standard deviation of each coordinate, metres.
     pub fn position_std_m(&self) -> [f64; 3] {
         std::array::from_fn(|i| self.position_covariance_m2[i][i].max(0.0).sqrt())

@@ -35,6 +35,9 @@ mod search;
 mod settings;
 mod whitening;
 
+#[cfg(feature = "learn")]
+pub(crate) use dictionary::bell_at;
+pub(crate) use places::Places;
 pub use settings::DetectorSettings;
 
 use super::fit::in_space;
@@ -46,7 +49,6 @@ use eit_mesh::Surface;
 use faer::Mat;
 use memory::Memory;
 use ndarray::{ArrayRef2, ArrayView2};
-use places::Places;
 use rows::Rows;
 use search::{Scene, Search};
 use whitening::{Whitening, dot};
@@ -94,6 +96,18 @@ pub struct DetectedTouch {
     pub peak_s: f64,
     /// Factor by which the rest of the frame grows without it.
     pub worth: f64,
+    /// What presses at known places and forces have taught of it, where some have.
+    pub learnt: Option<LearntTouch>,
+}
+
+/// What learnt presses say of a touch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LearntTouch {
+    /// Force and its standard deviation, newtons, where forces were learnt.
+    pub force_n: Option<[f64; 2]>,
+    /// Whether the frame is unlike every press that was learnt: place and strength are then not theirs, and no
+    /// force is stated.
+    pub is_unlike: bool,
 }
 
 /// How a frame was explained.
@@ -380,6 +394,7 @@ impl TouchDetector {
                 strength_std_s_m2: 0.0,
                 peak_s: sign * best.strengths[k] * dictionary.top(spot.place),
                 worth: best.worth[k],
+                learnt: None,
             });
         }
         let excess = (best.rest / gain).max(1.0);

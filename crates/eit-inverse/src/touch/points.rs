@@ -281,6 +281,7 @@ impl TouchTracker {
                 intensity_s_m2: track.seen.strength_s_m2,
                 intensity_std_s_m2: Some(track.seen.strength_std_s_m2),
                 peak_s: track.seen.peak_s,
+                learnt: track.seen.learnt,
                 confidence: confidence(&track.seen, track.frames - born),
                 age_frames: track.frames - born,
                 age_s: time_s - begin_s,

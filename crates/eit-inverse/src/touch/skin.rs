@@ -7,8 +7,8 @@ type Point = [f64; 3];
 
 /// A place on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Place {
-    pub(super) position_m: Point,
+pub(crate) struct Place {
+    pub(crate) position_m: Point,
     /// Of the point that was asked for.
     pub(super) distance_m: f64,
     /// Orthonormal directions in the surface; x and y on a flat skin.

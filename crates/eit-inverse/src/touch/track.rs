@@ -253,6 +253,7 @@ impl Tracker {
                 intensity_s_m2: track.spot.integral,
                 intensity_std_s_m2: None,
                 peak_s: track.spot.peak,
+                learnt: None,
                 confidence: (1.0 - chance) * share,
                 age_frames: track.frames - born,
                 age_s: time_s - begin_s,

@@ -13,10 +13,7 @@ use std::path::Path;
 /// [`MeshError::Io`] if the file cannot be read, else those of [`parse_gmsh`].
 pub fn read_gmsh(path: impl AsRef<Path>) -> Result<Mesh, MeshError> {
     let name = path.as_ref().display().to_string();
-    match std::fs::read(&path) {
-        Ok(bytes) => parse_gmsh(&bytes, &name),
-        Err(error) => Err(MeshError::Io { path: name, reason: error.to_string() }),
-    }
+    parse_gmsh(&super::surface_file::read_file(path.as_ref())?, &name)
 }
 
 /// Nodes within this fraction of the surface's longest side are at one place. Gmsh writes sixteen

@@ -18,7 +18,7 @@ const MERGE: f64 = 1e-6;
 /// [`place_electrodes`](crate::place_electrodes) puts them there by position.
 ///
 /// # Errors
-/// [`MeshError::Io`] if the file cannot be read, [`MeshError::OutOfRange`] for a scale that is not
+/// [`MeshError::Io`] if the file cannot be read or is none, [`MeshError::OutOfRange`] for a scale that is not
 /// between 1e-9 and 1e9, [`MeshError::Parse`] for everything that is wrong in the file.
 pub fn read_mesh(path: impl AsRef<Path>, scale_m: f64) -> Result<(Mesh, Repairs), MeshError> {
     let path = path.as_ref();
@@ -29,8 +29,7 @@ pub fn read_mesh(path: impl AsRef<Path>, scale_m: f64) -> Result<(Mesh, Repairs)
         let problem = "a skin is read from a .msh (Gmsh), .stl or .obj file".to_owned();
         return Err(MeshError::Parse { file: name, line: 0, problem });
     };
-    let bytes = std::fs::read(path)
-        .map_err(|error| MeshError::Io { path: name.clone(), reason: error.to_string() })?;
+    let bytes = read_file(path)?;
     let bare = |(surface, repairs)| Ok((Mesh::new(surface, Vec::new())?, repairs));
     match ending.as_str() {
         "stl" => parse_stl(&bytes, &name, scale_m).and_then(bare),
@@ -87,4 +86,14 @@ fn surface(mut soup: Soup, file: &str, scale_m: f64) -> Result<(Surface, Repairs
         let problem = error.to_string();
         MeshError::Parse { file: file.into(), line: 0, problem }
     })
+}
+
+/// All bytes of a file; a device or a pipe, which may have no end, is refused.
+pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, MeshError> {
+    let failed = |reason: String| MeshError::Io { path: path.display().to_string(), reason };
+    let data = std::fs::metadata(path).map_err(|error| failed(error.to_string()))?;
+    if !data.is_file() {
+        return Err(failed("is no regular file".to_owned()));
+    }
+    std::fs::read(path).map_err(|error| failed(error.to_string()))
 }

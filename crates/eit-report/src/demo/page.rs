@@ -71,15 +71,16 @@ fn table(shown: &[Shown]) -> Block {
         "after the net (S²)",
         "left of it",
         "put aside",
-        "latency, median (ms)",
+        "touches after, median (ms)",
         "95 % (ms)",
+        "image after, median (ms)",
     ];
     let row = |shown: &Shown| {
         let [raw, made, quotient] = shown.judged.errors_of_touched();
         let Judged { fingers, found, invented, left_over, .. } = shown.judged;
         let summary = &shown.seen.summary;
-        let ms = |share| match summary.latency_s(share) {
-            Some(latency_s) => format!("{:.0}", 1e3 * latency_s),
+        let ms = |latency_s: Option<f64>| match latency_s {
+            Some(latency_s) => format!("{:.1}", 1e3 * latency_s),
             None => "-".to_owned(),
         };
         vec![
@@ -92,8 +93,9 @@ fn table(shown: &[Shown]) -> Block {
             format!("{made:.1e}"),
             format!("{quotient:.2}"),
             summary.aside.to_string(),
-            ms(0.5),
-            ms(0.95),
+            ms(summary.latency_s(0.5)),
+            ms(summary.latency_s(0.95)),
+            ms(summary.image_latency_s(0.5)),
         ]
     };
     let late: usize = shown.iter().map(|s| s.judged.late).sum();

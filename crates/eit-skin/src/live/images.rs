@@ -1,16 +1,15 @@
-//! Images frame by frame: one step or total variation over a window, then the net.
+//! Images frame by frame: one step or total variation, then the net.
 
 use super::LiveModel;
 use super::one_step::LiveOneStep;
 use crate::denoise::LiveNet;
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
-use crate::method::Method;
 use crate::movement;
 use crate::progress::Progress;
 use crate::scene::DifferenceKind;
-use crate::total_variation::WINDOW;
-use eit_inverse::{InverseError, NuisanceParameters, StTvStream};
+use crate::total_variation::TvStream;
+use eit_inverse::{InverseError, NuisanceParameters};
 use eit_mesh::Raster;
 
 /// What makes the images of an epoch; nothing in it depends on a clock.
@@ -18,7 +17,7 @@ use eit_mesh::Raster;
 pub struct LiveImages {
     kind: DifferenceKind,
     words: String,
-    /// Takes the movement of electrodes out of differences for the window.
+    /// Takes the movement of electrodes out of differences for total variation.
     side: Option<NuisanceParameters>,
     /// Electrodes move: only frames that are good in every used measurement have an image.
     is_whole: bool,
@@ -38,14 +37,14 @@ pub struct LiveImages {
 #[derive(Debug)]
 enum Maker {
     OneStep(Box<LiveOneStep>),
-    Window(Box<StTvStream>),
+    TotalVariation(Box<TvStream>),
 }
 
 /// How the image at hand came about.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ImageState {
-    /// Proven relative distance of the window to its optimum, and iterations; `None`: one step, or
-    /// nothing but noise.
+    /// Proven relative distance of the image to its optimum; `None`: one step, nothing but noise, or
+    /// a frame without data.
     pub gap: Option<f64>,
     /// Iterations.
     pub iterations: usize,
@@ -80,11 +79,11 @@ impl LiveImages {
             }
             true => {
                 let tv = left.tv_stream(method, &mut silent)?;
-                let words = match method {
-                    Method::StTv => format!("st-tv over the last {WINDOW} frames, {}", tv.words()),
-                    _ => format!("total variation of each frame, {}", tv.words()),
+                let words = match tv.has_time() {
+                    true => format!("st-tv, each frame linked to the one before, {}", tv.words()),
+                    false => format!("total variation of each frame, {}", tv.words()),
                 };
-                (Maker::Window(Box::new(tv.stream)), words)
+                (Maker::TotalVariation(Box::new(tv)), words)
             }
         };
         if let Some(movement_m) = movement_m {
@@ -137,7 +136,7 @@ impl LiveImages {
         self.state = ImageState::default();
         let mut of_used = self.used.iter().zip(&self.good);
         self.state.is_lost = self.is_whole && of_used.any(|(used, good)| *used && !*good);
-        if self.net.is_some() || matches!(self.maker, Maker::Window(_)) {
+        if self.net.is_some() || matches!(self.maker, Maker::TotalVariation(_)) {
             self.subtract(values, reference)?;
         }
         let Self { used, good, .. } = self;
@@ -146,24 +145,25 @@ impl LiveImages {
                 let is_missing = |i: usize| used[i] && !good[i];
                 one_step.push(values, reference, is_missing, &mut self.raw)?;
             }
-            Maker::Window(window) => {
+            Maker::TotalVariation(stream) => {
                 let step = match self.state.is_lost {
-                    true => window.push_dropped(),
-                    false => match window.push(&self.differences, Some(&self.good)) {
+                    true => stream.push_dropped(),
+                    false => match stream.push(&self.differences, Some(&self.good)) {
                         Err(InverseError::DeltaTooSmall { .. }) => {
                             self.state.is_interpolated = true;
-                            window.push_dropped()
+                            stream.push_dropped()
                         }
                         step => step?,
                     },
                 };
-                // a window of one frame that was dropped holds the image before
+                // a frame that was dropped holds the image before
                 if let Some(image) = step.image {
                     self.raw.copy_from_slice(image);
                 }
                 if !self.state.is_lost {
                     self.state.iterations = step.iterations;
-                    self.state.gap = (!step.quiet).then(|| step.certificate.relative_gap());
+                    let gap = step.certificate.relative_gap();
+                    self.state.gap = (!step.quiet && gap.is_finite()).then_some(gap);
                 }
             }
         }

@@ -21,14 +21,38 @@ pub struct TouchFrame<'a> {
     pub number: u64,
     /// Number of the frame as the instrument counts; holes are frames that were lost.
     pub sequence: u64,
+    /// Number of the connection, from 0: it rises when an instrument was lost and found again.
+    pub epoch: u32,
     /// Its time, seconds: that of the instrument, else of its arrival.
     pub time_s: f64,
+    /// When its last byte had come by this computer's clock, seconds since 1970.
+    pub host_time_s: Option<f64>,
     /// Its touches; empty where nothing touches the skin.
     pub touches: &'a [Touch],
     /// Electrodes that were left out of the frame: open, shorted, noisy, stuck or drifting.
     pub faults: &'a [ElectrodeFault],
+    /// Whether every measurement counted: no faulty electrode or bad value was left out.
+    pub whole: bool,
     /// From the last byte of the frame to its touches, for a live one, seconds.
     pub latency_s: Option<f64>,
+}
+
+impl<'a> From<LiveFrame<'a>> for TouchFrame<'a> {
+    fn from(shown: LiveFrame<'a>) -> Self {
+        let (frame, finder) = (shown.frame, shown.finder);
+        let mut used = finder.used().iter().enumerate();
+        Self {
+            number: shown.number,
+            sequence: frame.sequence,
+            epoch: frame.epoch,
+            time_s: shown.time_s,
+            host_time_s: frame.host_time_s,
+            touches: shown.touches,
+            faults: shown.faults,
+            whole: used.all(|(i, used)| !used || !finder.is_missing(i)),
+            latency_s: shown.latency_s,
+        }
+    }
 }
 
 /// A skin that feels: gives the touches of every frame of a source, one after the other.
@@ -217,15 +241,7 @@ impl Sensor {
     }
 
     fn current(&self) -> Option<TouchFrame<'_>> {
-        let shown = self.shown()?;
-        Some(TouchFrame {
-            number: shown.number,
-            sequence: shown.frame.sequence,
-            time_s: shown.time_s,
-            touches: shown.touches,
-            faults: shown.faults,
-            latency_s: shown.latency_s,
-        })
+        self.shown().map(TouchFrame::from)
     }
 
     /// Waits for one event of the source.

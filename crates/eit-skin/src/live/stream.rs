@@ -30,6 +30,11 @@ pub struct LiveStream {
     touches: Vec<Touch>,
     time_s: f64,
     latency_s: Option<f64>,
+    image_latency_s: Option<f64>,
+    /// The image of the last frame is made.
+    has_image: bool,
+    /// When the last frame came, seconds since 1970, for a live one.
+    came_s: Option<f64>,
 }
 
 /// What is made of an epoch's frames.
@@ -67,10 +72,12 @@ pub struct LiveFrame<'a> {
     pub time_s: f64,
     /// Finder of the epoch: how the frame was explained, level of a touch.
     pub finder: &'a TouchFinder,
-    /// The image, where they are made.
+    /// The image, where they are made and this one is already.
     pub images: Option<&'a LiveImages>,
-    /// From the last byte of the frame to all of this, for a live one.
+    /// From the last byte of the frame to its touches, for a live one, seconds.
     pub latency_s: Option<f64>,
+    /// The same to its image.
+    pub image_latency_s: Option<f64>,
 }
 
 impl LiveStream {
@@ -94,6 +101,9 @@ impl LiveStream {
             touches: Vec::new(),
             time_s: 0.0,
             latency_s: None,
+            image_latency_s: None,
+            has_image: false,
+            came_s: None,
         }
     }
 
@@ -114,7 +124,8 @@ impl LiveStream {
         self.reference.clear();
     }
 
-    /// Takes a frame; `is_live`: it comes now, so that its latency counts.
+    /// Takes a frame, finds its touches and makes its image; `is_live`: it comes now, so that its latency
+    /// counts.
     ///
     /// # Errors
     ///
@@ -124,6 +135,55 @@ impl LiveStream {
         frame: &'a Frame,
         is_live: bool,
     ) -> Result<Pushed<'a>, SkinError> {
+        if let Some(left) = self.find(frame, is_live)? {
+            return Ok(Pushed::Waiting { left });
+        }
+        self.make_image(frame)?;
+        Ok(self.pushed(frame))
+    }
+
+    /// [`LiveStream::push`] without the image, for who acts on the touches first; then
+    /// [`LiveStream::make_image`] is to follow before the next frame.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`LiveStream::push`].
+    pub fn push_touches<'a>(
+        &'a mut self,
+        frame: &'a Frame,
+        is_live: bool,
+    ) -> Result<Pushed<'a>, SkinError> {
+        match self.find(frame, is_live)? {
+            Some(left) => Ok(Pushed::Waiting { left }),
+            None => Ok(self.pushed(frame)),
+        }
+    }
+
+    /// The image of the frame whose touches [`LiveStream::push_touches`] gave, where images are made.
+    ///
+    /// # Errors
+    ///
+    /// Images that cannot be made.
+    pub fn make_image(&mut self, frame: &Frame) -> Result<(), SkinError> {
+        let Some(Epoch { finder, images: Some(images), .. }) = &mut self.epoch else {
+            return Ok(());
+        };
+        if self.has_image || self.values.len() != frame.values.len() {
+            return Ok(());
+        }
+        images.push(&self.values, finder.reference(), |i| !finder.is_missing(i))?;
+        self.image_latency_s = self.came_s.map(|came_s| now_s() - came_s);
+        self.has_image = true;
+        Ok(())
+    }
+
+    fn pushed<'a>(&'a self, frame: &'a Frame) -> Pushed<'a> {
+        let left = self.model.reference_frames;
+        self.shown(frame).map_or(Pushed::Waiting { left }, Pushed::Shown)
+    }
+
+    /// Takes a frame; frames that the reference still wants, or `None` where the frame has touches.
+    fn find(&mut self, frame: &Frame, is_live: bool) -> Result<Option<usize>, SkinError> {
         let wanted = self.model.skin().protocol.measurements();
         if frame.values.len() != wanted || frame.quality.len() != wanted {
             return Err(SkinError::FrameLength {
@@ -132,33 +192,32 @@ impl LiveStream {
                 measurements: wanted,
             });
         }
-        if self.epoch.is_none() {
+        let Some(Epoch { finder, clock, .. }) = &mut self.epoch else {
             self.reference.push(frame.clone());
             let left = self.model.reference_frames.saturating_sub(self.reference.len());
             if left == 0 {
                 let reference = std::mem::take(&mut self.reference);
                 self.epoch = Some(self.begin(&reference)?);
+                // none of its frames has touches to make an image of
+                self.has_image = true;
             }
-            return Ok(Pushed::Waiting { left });
-        }
+            return Ok(Some(left));
+        };
         let factor = self.factor;
         self.values.clear();
         self.values.extend(frame.values.iter().map(|value| factor * value));
-        let Some(Epoch { finder, images, clock }) = &mut self.epoch else {
-            return Ok(Pushed::Waiting { left: self.model.reference_frames });
-        };
         let time_s = clock.next_s(frame);
         let is_good = |i: usize| frame.quality[i].is_good();
         self.touches.clear();
+        self.has_image = true;
         self.touches.extend_from_slice(finder.push(&self.values, is_good, time_s)?);
-        if let Some(images) = images {
-            images.push(&self.values, finder.reference(), |i| !finder.is_missing(i))?;
-        }
+        self.has_image = false;
         self.time_s = time_s;
-        self.latency_s = frame.host_time_s.filter(|_| is_live).map(|came| now_s() - came);
+        self.came_s = frame.host_time_s.filter(|_| is_live);
+        self.latency_s = self.came_s.map(|came_s| now_s() - came_s);
+        self.image_latency_s = None;
         self.frames += 1;
-        let left = self.model.reference_frames;
-        Ok(self.shown(frame).map_or(Pushed::Waiting { left }, Pushed::Shown))
+        Ok(None)
     }
 
     /// What the last frame that was pushed showed; `frame` is that frame. `None` while the reference is
@@ -172,8 +231,9 @@ impl LiveStream {
             faults: finder.faults(),
             time_s: self.time_s,
             finder,
-            images: images.as_ref(),
+            images: images.as_ref().filter(|_| self.has_image),
             latency_s: self.latency_s,
+            image_latency_s: self.image_latency_s,
         })
     }
 

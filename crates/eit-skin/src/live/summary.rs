@@ -1,6 +1,6 @@
 //! What happened while watching, in bounded memory.
 
-use super::ImageState;
+use super::{ImageState, LiveFrame, LiveImages};
 use crate::faults::ElectrodeFault;
 use eit_inverse::touch::{Touch, TouchState};
 use serde_json::{Value, json};
@@ -13,7 +13,7 @@ const NOTICES: usize = 100;
 /// What happened.
 #[derive(Debug, Default)]
 pub struct Summary {
-    /// Frames with an image.
+    /// Frames that were shown.
     pub frames: u64,
     /// References taken.
     pub references: u64,
@@ -29,13 +29,15 @@ pub struct Summary {
     pub interpolated: u64,
     /// Frames with bad values, which electrodes that move leave without an image.
     pub lost: u64,
-    /// Largest proven gap of a window that was solved.
+    /// Largest proven gap of an image.
     pub worst_gap: Option<f64>,
     /// Faults of electrodes, in the order in which they were found: the first ones.
     pub faults: Vec<ElectrodeFault>,
-    /// The last latencies, seconds, in no order.
+    /// The last latencies of touches, seconds, in no order.
     pub latencies_s: Vec<f64>,
-    /// From the first image to the last, seconds of this computer's clock.
+    /// The same of images.
+    pub image_latencies_s: Vec<f64>,
+    /// From the first frame shown to the last, seconds of this computer's clock.
     pub span_s: f64,
     /// The first things that the source said.
     pub notices: Vec<String>,
@@ -44,12 +46,15 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Latency that so many of the frames did not exceed, 0 to 1.
+    /// Latency from a frame's last byte to its touches that this share of the frames, 0 to 1, did not
+    /// exceed.
     pub fn latency_s(&self, share: f64) -> Option<f64> {
-        let mut sorted = self.latencies_s.clone();
-        sorted.sort_by(f64::total_cmp);
-        let index = (share * sorted.len() as f64) as usize;
-        sorted.get(index.min(sorted.len().saturating_sub(1))).copied()
+        quantile(&self.latencies_s, share)
+    }
+
+    /// The same to its image.
+    pub fn image_latency_s(&self, share: f64) -> Option<f64> {
+        quantile(&self.image_latencies_s, share)
     }
 
     /// How the images came about, for people.
@@ -88,7 +93,7 @@ impl Summary {
         })
     }
 
-    pub(crate) fn take(&mut self, touches: &[Touch], state: ImageState, latency_s: Option<f64>) {
+    fn take(&mut self, touches: &[Touch], state: ImageState, latency_s: Option<f64>) {
         self.frames += 1;
         let of = |state| touches.iter().filter(|touch| touch.state == state).count();
         self.touches += of(TouchState::Begin) as u64;
@@ -99,17 +104,19 @@ impl Summary {
         if let Some(gap) = state.gap {
             self.worst_gap = Some(self.worst_gap.map_or(gap, |worst| worst.max(gap)));
         }
-        let Some(latency_s) = latency_s else { return };
-        if self.latencies_s.len() == LATENCIES {
-            let slot = (self.frames % LATENCIES as u64) as usize;
-            self.latencies_s[slot] = latency_s;
-        } else {
-            self.latencies_s.push(latency_s);
-        }
+        remember(&mut self.latencies_s, self.frames, latency_s);
+    }
+
+    /// Takes note of a frame, its image made.
+    pub(crate) fn take_frame(&mut self, shown: &LiveFrame<'_>) {
+        let state = shown.images.map(LiveImages::state).unwrap_or_default();
+        self.take(shown.touches, state, shown.latency_s);
+        self.take_faults(shown.faults);
+        remember(&mut self.image_latencies_s, self.frames, shown.image_latency_s);
     }
 
     /// Remembers faults that are new.
-    pub(crate) fn take_faults(&mut self, faults: &[ElectrodeFault]) {
+    fn take_faults(&mut self, faults: &[ElectrodeFault]) {
         for fault in faults {
             if self.faults.len() < NOTICES && !self.faults.contains(fault) {
                 self.faults.push(*fault);
@@ -129,6 +136,23 @@ impl Summary {
             self.more_notices += 1;
         }
     }
+}
+
+/// Keeps the last ones.
+fn remember(latencies_s: &mut Vec<f64>, frame: u64, latency_s: Option<f64>) {
+    let Some(latency_s) = latency_s else { return };
+    if latencies_s.len() == LATENCIES {
+        latencies_s[(frame % LATENCIES as u64) as usize] = latency_s;
+    } else {
+        latencies_s.push(latency_s);
+    }
+}
+
+fn quantile(values: &[f64], share: f64) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let index = (share * sorted.len() as f64) as usize;
+    sorted.get(index.min(sorted.len().saturating_sub(1))).copied()
 }
 
 #[cfg(test)]

@@ -10,6 +10,10 @@ use crate::method::Method;
 
 /// Most pixels along the longer side: 16 million pixels an image.
 const MOST_PIXELS: usize = 4096;
+/// Most electrodes: adjacent patterns of so many are 4.2 million measurements.
+const MOST_ELECTRODES: usize = 2048;
+/// Most nodes of a mesh, which takes some 30 GB to solve.
+const MOST_NODES: usize = 20_000_000;
 
 impl Scene {
     /// Refuses what cannot be, and what would silently have no effect.
@@ -120,6 +124,19 @@ impl Scene {
             let message =
                 format!("reconstruction.pixels is {pixels}: it must be 1 to {MOST_PIXELS}");
             return Err(SkinError::input(message));
+        }
+        let electrodes = &self.electrodes;
+        let count = electrodes.count.max(electrodes.positions_m.as_ref().map(Vec::len));
+        if let Some(count) = count.filter(|&count| count > MOST_ELECTRODES) {
+            let message = format!("{count} electrodes: a skin has at most {MOST_ELECTRODES}");
+            return Err(SkinError::input(message));
+        }
+        let limits = [("mesh.node_limit", self.mesh.node_limit), ("mesh.nodes", self.mesh.nodes)];
+        for (key, nodes) in limits {
+            if let Some(nodes) = nodes.filter(|&nodes| nodes > MOST_NODES) {
+                let message = format!("{key} is {nodes}: it must be at most {MOST_NODES}");
+                return Err(SkinError::input(message));
+            }
         }
         Ok(())
     }

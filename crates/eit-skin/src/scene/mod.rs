@@ -502,6 +502,8 @@ pub struct TouchSettings {
     pub forgiven_frames: Option<usize>,
     /// Time in which the reference follows drift, seconds; 0: it stands still.
     pub drift_time_s: Option<f64>,
+    /// File of `eit learn`: place and force of touches from presses at known places.
+    pub learned: Option<PathBuf>,
 }
 
 /// `touch.sign`: which changes of conductivity are touches.
@@ -526,6 +528,18 @@ pub struct DenoiseSettings {
     pub any_skin: bool,
 }
 
+/// Longest scene file; the largest of this project has 3 kB.
+const MOST_SCENE_BYTES: u64 = 4 << 20;
+
+/// All bytes of a file; a device or a pipe, which may have no end, is refused.
+pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SkinError> {
+    use std::io::Read as _;
+    let mut bytes = Vec::new();
+    let mut file = eit_hw::regular_file(path)?;
+    file.read_to_end(&mut bytes).map_err(|e| SkinError::at(path, e))?;
+    Ok(bytes)
+}
+
 impl Scene {
     /// Reads a scene file, or takes a built-in scene by its name, and checks it.
     pub fn load(name_or_path: &str) -> Result<Self, SkinError> {
@@ -548,12 +562,18 @@ impl Scene {
         if let Some(text) = builtin::text(name_or_path) {
             return Ok(text.to_owned());
         }
-        let bytes = std::fs::read(name_or_path).map_err(|e| {
-            SkinError::input(format!(
-                "{name_or_path}: {e}; give a scene file (TOML) or a built-in scene: {}",
-                BUILT_IN.join(", ")
-            ))
-        })?;
+        let refused = |why: String| {
+            let known = BUILT_IN.join(", ");
+            let give = "give a scene file (TOML) or a built-in scene";
+            SkinError::input(format!("{name_or_path}: {why}; {give}: {known}"))
+        };
+        let path = Path::new(name_or_path);
+        let data = std::fs::metadata(path).map_err(|e| refused(e.to_string()))?;
+        if !data.is_file() || data.len() > MOST_SCENE_BYTES {
+            let most_mb = MOST_SCENE_BYTES >> 20;
+            return Err(refused(format!("no file of at most {most_mb} MB")));
+        }
+        let bytes = std::fs::read(path).map_err(|e| refused(e.to_string()))?;
         String::from_utf8(bytes).map_err(|e| {
             SkinError::input(format!(
                 "{name_or_path}: byte {}: not text; a scene file is TOML in UTF-8",
@@ -633,7 +653,7 @@ impl Scene {
                     continue;
                 };
                 let path = self.resolve(Path::new(name));
-                hash.update(&std::fs::read(&path).map_err(|e| SkinError::at(&path, e))?);
+                hash.update(&read_file(&path)?);
             }
         }
         Ok(format!("{:08x}", hash.finalize()))

@@ -69,7 +69,10 @@ impl Scene {
             recording: self.frame_settings(),
             noise: self.noise.clone(),
             reconstruction: self.reconstruction.clone(),
-            touch: self.touch.clone(),
+            touch: TouchSettings {
+                learned: self.touch.learned.as_ref().map(|file| self.resolve(file)),
+                ..self.touch.clone()
+            },
             denoise,
         }
     }

@@ -6,10 +6,13 @@ use super::model::{Spread, VoltageNoise, unknowns};
 use crate::error::SkinError;
 use crate::faults::{ElectrodeFault, FaultMonitor};
 use crate::fitted::FittedFrames;
+use crate::learn::LearnedTouches;
 use crate::progress::Progress;
 use crate::scene::{TouchSettings, TouchSign};
 use eit_inverse::InverseError;
 use eit_inverse::metrics::ChangeSign;
+#[cfg(feature = "learn")]
+use eit_inverse::touch::DetectedTouch;
 use eit_inverse::touch::{
     DetectorModel, DetectorSettings, DetectorStep, Touch, TouchDetector, TouchTracker,
     TrackerSettings,
@@ -34,6 +37,8 @@ pub struct TouchFinder {
     detector: TouchDetector,
     tracker: TouchTracker,
     monitor: FaultMonitor,
+    /// Places and forces by presses, where the settings name them.
+    learned: Option<LearnedTouches>,
     /// What is subtracted from the frame at hand.
     reference: Vec<f64>,
     period_s: f64,
@@ -89,6 +94,10 @@ impl TouchFinder {
         let level_s = settings.least_s_m2 / (std::f64::consts::PI * settings.radius_m.powi(2));
         let detector =
             progress.stage("detector of touches", || TouchDetector::new(&model, settings))?;
+        let learned = match &keys.learned {
+            Some(file) => Some(LearnedTouches::load(file, skin, &frames.used, &std_v)?),
+            None => None,
+        };
         let (places, seen) = detector.places();
         Ok(Some(Self {
             choices: Choices {
@@ -108,6 +117,7 @@ impl TouchFinder {
             tracker: TouchTracker::new(tracker_settings(keys, conductivity_s))?,
             detector,
             monitor,
+            learned,
             reference: frames.reference.clone(),
             period_s: rate_hz.recip(),
             before_s: None,
@@ -146,7 +156,38 @@ impl TouchFinder {
         let step = detector.push(values, |i| monitor.is_missing(i), dt_s)?;
         monitor.blame(step.blamed, time_s)?;
         (self.before_s, self.step) = (Some(time_s), Some(step));
-        Ok(self.tracker.push(self.detector.touches(), time_s, is_whole)?)
+        let found = self.detector.touches();
+        let found = match &mut self.learned {
+            Some(learned) => {
+                let monitor = &self.monitor;
+                let is_missing = |i: usize| !self.used[i] || monitor.is_missing(i);
+                learned.refine(values, &self.reference, is_missing, found)
+            }
+            None => found,
+        };
+        Ok(self.tracker.push(found, time_s, is_whole)?)
+    }
+
+    /// The strongest touch of a frame held against a reference of its own, by the model alone; nothing is
+    /// followed. `None` where there is no touch.
+    ///
+    /// # Errors
+    ///
+    /// A frame or reference of another length, or values that are not finite.
+    #[cfg(feature = "learn")]
+    pub(crate) fn strongest(
+        &self,
+        values: &[f64],
+        reference: &[f64],
+    ) -> Result<Option<DetectedTouch>, SkinError> {
+        let measurements = self.used.len();
+        SkinError::check_measurements("the frame", values.len(), measurements)?;
+        let mut detector = self.detector.clone();
+        reference.iter().enumerate().for_each(|(i, v)| detector.set_reference(i, *v));
+        detector.push(values, |i| !self.used[i], self.period_s)?;
+        let strength = |touch: &&DetectedTouch| touch.strength_s_m2.abs();
+        let touches = detector.touches().iter();
+        Ok(touches.max_by(|a, b| strength(a).total_cmp(&strength(b))).copied())
     }
 
     /// Electrodes that are left out of the frame at hand.

@@ -152,3 +152,10 @@ fn assign(fingers: usize, touches: usize, far: &dyn Fn(usize, usize) -> f64) -> 
     }
     try_all(&mut Vec::new(), fingers, touches, far).1
 }
+
+/// A quantile of values.
+pub fn quantile_of(values: &[f64], part: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted[(part * (sorted.len() - 1) as f64).round() as usize]
+}

@@ -23,20 +23,57 @@ pub(super) fn reason(payload: &[u8]) -> String {
     if text.is_empty() { why } else { format!("{why} ({text})") }
 }
 
-/// The count without wrapping; `None` where it does not go forward.
-pub(super) fn unwrapped(last: &mut Option<(u32, u64)>, sequence: u32) -> Option<u64> {
-    let count = match *last {
-        None => u64::from(sequence),
-        Some((before, count)) => {
-            let step = sequence.wrapping_sub(before);
-            if step == 0 || step > u32::MAX / 2 {
-                return None;
-            }
-            count + u64::from(step)
+/// So many frames in a row that follow each other, but not those before, are a count that has begun anew.
+const NEW_RUN: u32 = 3;
+/// Frames that may be lost at once whatever the time; more must have had the time to be sent.
+const MOST_LOST: f64 = 100.0;
+
+/// Frames counted without wrapping.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Count {
+    /// Last sequence and the count that it stands for.
+    last: Option<(u32, u64)>,
+    /// Sequence of the last frame that did not follow, and how many came in a row.
+    other: Option<(u32, u32)>,
+}
+
+/// What a frame's sequence says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Counted {
+    /// It is the frame of this count.
+    Frame(u64),
+    /// An older frame, the same again, or one whose number cannot be.
+    PassedOver,
+    /// The count has begun anew; the frame has this count, and so many before it were passed over.
+    Renumbered { count: u64, passed_over: u32 },
+}
+
+impl Count {
+    /// Takes a frame's sequence; `possible` frames can have been sent since the one before.
+    pub(super) fn take(&mut self, sequence: u32, possible: f64) -> Counted {
+        let Some((before, count)) = self.last else {
+            *self = Self { last: Some((sequence, u64::from(sequence))), other: None };
+            return Counted::Frame(u64::from(sequence));
+        };
+        let step = sequence.wrapping_sub(before);
+        let is_forward = step != 0 && step <= u32::MAX / 2;
+        if is_forward && f64::from(step) <= MOST_LOST + 2.0 * possible {
+            let count = count + u64::from(step);
+            *self = Self { last: Some((sequence, count)), other: None };
+            return Counted::Frame(count);
         }
-    };
-    *last = Some((sequence, count));
-    Some(count)
+        let run = match self.other {
+            Some((other, run)) if sequence == other.wrapping_add(1) => run + 1,
+            _ => 1,
+        };
+        if run < NEW_RUN {
+            self.other = Some((sequence, run));
+            return Counted::PassedOver;
+        }
+        let count = u64::from(sequence);
+        *self = Self { last: Some((sequence, count)), other: None };
+        Counted::Renumbered { count, passed_over: NEW_RUN - 1 }
+    }
 }
 
 /// Takes values and flags out of a frame.
@@ -78,15 +115,38 @@ pub(super) fn text(payload: &[u8]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::unwrapped;
+    use super::{Count, Counted};
 
     #[test]
     fn the_count_goes_on_where_the_sequence_wraps() {
-        let mut last = None;
-        assert_eq!(unwrapped(&mut last, u32::MAX), Some(u64::from(u32::MAX)));
-        assert_eq!(unwrapped(&mut last, u32::MAX), None);
-        assert_eq!(unwrapped(&mut last, 1), Some((1 << 32) + 1));
-        assert_eq!(unwrapped(&mut last, 0), None);
-        assert_eq!(unwrapped(&mut last, 2), Some((1 << 32) + 2));
+        let mut count = Count::default();
+        let mut take = |sequence| count.take(sequence, 1.0);
+        assert_eq!(take(u32::MAX), Counted::Frame(u64::from(u32::MAX)));
+        assert_eq!(take(u32::MAX), Counted::PassedOver);
+        assert_eq!(take(1), Counted::Frame((1 << 32) + 1));
+        assert_eq!(take(0), Counted::PassedOver);
+        assert_eq!(take(2), Counted::Frame((1 << 32) + 2));
+    }
+
+    /// A single number that cannot be is passed over; a run of them is a count that began anew.
+    #[test]
+    fn a_count_that_begins_anew_is_told_from_frames_out_of_order() {
+        let mut count = Count::default();
+        let taken: Vec<Counted> = [500, 501, 1_000_000_000, 502, 501, 502, 503, 504]
+            .iter()
+            .map(|&sequence| count.take(sequence, 1.0))
+            .collect();
+        let (frame, passed) = (Counted::Frame, Counted::PassedOver);
+        let wanted =
+            [frame(500), frame(501), passed, frame(502), passed, passed, frame(503), frame(504)];
+        assert_eq!(taken, wanted);
+        for start in [0, 1_000_000] {
+            let taken: Vec<Counted> =
+                (start..start + 4).map(|sequence| count.take(sequence, 1.0)).collect();
+            let anew = Counted::Renumbered { count: u64::from(start) + 2, passed_over: 2 };
+            assert_eq!(taken, [passed, passed, anew, frame(u64::from(start) + 3)]);
+        }
+        // a pause in which they can have been sent is a loss
+        assert_eq!(count.take(1_005_000, 3000.0), frame(1_005_000));
     }
 }

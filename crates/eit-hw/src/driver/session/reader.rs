@@ -67,7 +67,7 @@ impl Reader {
     /// Reads until the connection is over.
     fn follow(&mut self, link: &mut Link) -> End {
         let mut buffer = [0; 8192];
-        let (mut last, mut stalled) = (Instant::now(), false);
+        let mut silence = Silence::new(self.stream.frame_rate_hz);
         while !self.quits() {
             let received = match self.driver.idle(link).and_then(|()| link.read(&mut buffer)) {
                 Ok(received) => received,
@@ -97,12 +97,18 @@ impl Reader {
                 None => {}
             }
             if frames > 0 {
-                (last, stalled) = (Instant::now(), false);
-            } else if !stalled && last.elapsed().as_secs_f64() > self.settings.stall_s {
-                stalled = true;
-                self.queue.push(Event::Stalled { for_s: last.elapsed().as_secs_f64() });
+                silence.end(&self.queue);
+            } else if let Some(for_s) = silence.begins(self.settings.silence_s) {
+                self.queue.push(Event::Silent { for_s });
+            } else if self.settings.reconnect.is_some() && silence.is_stall(self.settings.stall_s) {
+                let reason = format!("no frame for {:.1} s: it is set up anew", silence.for_s());
+                silence.end(&self.queue);
+                let source = std::io::Error::new(std::io::ErrorKind::TimedOut, reason.clone());
+                let endpoint = self.endpoint.to_string();
+                return End::Lost(reason, HwError::Lost { endpoint, source });
             }
         }
+        silence.end(&self.queue);
         End::Quit
     }
 
@@ -152,6 +158,56 @@ impl Reader {
     }
 }
 
+/// How long no frame has come, and how long that may take.
+struct Silence {
+    last: Instant,
+    /// Time from frame to frame: that which was set, else that which is seen.
+    period_s: f64,
+    is_known: bool,
+    is_told: bool,
+}
+
+impl Silence {
+    fn new(frame_rate_hz: Option<f64>) -> Self {
+        let rate_hz = frame_rate_hz.filter(|rate| *rate > 0.0);
+        Self {
+            last: Instant::now(),
+            period_s: rate_hz.map_or(0.0, f64::recip),
+            is_known: rate_hz.is_some(),
+            is_told: false,
+        }
+    }
+
+    fn for_s(&self) -> f64 {
+        self.last.elapsed().as_secs_f64()
+    }
+
+    /// How long it is, where it is to be told now.
+    fn begins(&mut self, silence_s: f64) -> Option<f64> {
+        let for_s = self.for_s();
+        if self.is_told || for_s < silence_s.max(3.0 * self.period_s) {
+            return None;
+        }
+        self.is_told = true;
+        Some(for_s)
+    }
+
+    fn is_stall(&self, stall_s: f64) -> bool {
+        self.for_s() >= stall_s.max(6.0 * self.period_s)
+    }
+
+    /// A frame has come, or the connection ends.
+    fn end(&mut self, queue: &Queue) {
+        let for_s = self.for_s();
+        if std::mem::take(&mut self.is_told) {
+            queue.count(|statistics| statistics.silent_s += for_s);
+        } else if !self.is_known {
+            self.period_s += 0.2 * (for_s - self.period_s);
+        }
+        self.last = Instant::now();
+    }
+}
+
 enum TakeEnd {
     Overflow,
     Restarted,
@@ -178,6 +234,11 @@ fn take(queue: &Queue, stream: &mut Stream, decoded: Decoded<'_>) -> Option<Take
             queue.push(Event::Gap { frames: 1 });
         }
         Decoded::Damaged { bytes } => queue.count(|statistics| statistics.damaged_bytes += bytes),
+        Decoded::Renumbered => {
+            stream.begin_epoch();
+            queue.push(Event::Notice("its count of frames has begun anew".to_owned()));
+            queue.push(Event::Reconnected { epoch: stream.epoch });
+        }
         Decoded::Notice(text) => {
             queue.push(Event::Notice(text.to_owned()));
         }

@@ -13,19 +13,25 @@ pub struct SessionSettings {
     pub capacity: usize,
     /// What happens to the next one.
     pub overflow: Overflow,
-    /// After so long without a byte or frame, [`Event::Stalled`](crate::driver::Event::Stalled) is told.
+    /// After so long without a frame, or three frame times where that is longer,
+    /// [`Event::Silent`](crate::driver::Event::Silent) is told.
+    pub silence_s: f64,
+    /// After so long without a frame, or six frame times where that is longer, the instrument is set up
+    /// anew as if it had been lost: it may have restarted without a word. Not where `reconnect` is
+    /// `None`.
     pub stall_s: f64,
     /// How a lost instrument is looked for; `None`: the session ends.
     pub reconnect: Option<Backoff>,
 }
 
 impl Default for SessionSettings {
-    /// 64 frames, keeping the latest; 2 s; reconnecting as long as it takes.
+    /// 64 frames, keeping the latest; 0.5 s and 2 s; reconnecting as long as it takes.
     fn default() -> Self {
         Self {
             quadruples: None,
             capacity: 64,
             overflow: Overflow::default(),
+            silence_s: 0.5,
             stall_s: 2.0,
             reconnect: Some(Backoff::default()),
         }
@@ -70,6 +76,7 @@ impl SessionSettings {
                 wanted: "1 to 1048576 frames",
             });
         }
+        positive("silence_s", self.silence_s)?;
         positive("stall_s", self.stall_s)?;
         let Some(backoff) = self.reconnect else { return Ok(()) };
         positive("reconnect.initial_s", backoff.initial_s)?;

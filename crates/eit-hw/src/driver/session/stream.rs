@@ -18,6 +18,7 @@ pub(super) struct Stream {
     marker: Marker,
     value_count: usize,
     complex: bool,
+    pub(super) frame_rate_hz: Option<f64>,
     /// The counter and clock of the epoch's first frame.
     first: Option<(Option<u64>, Option<f64>)>,
     pub(super) epoch: u32,
@@ -46,6 +47,7 @@ impl Stream {
             marker: Marker::new(setup.limits, setup.value_count),
             value_count: setup.value_count,
             complex: setup.complex,
+            frame_rate_hz: setup.frame_rate_hz,
             first: None,
             epoch: 0,
             next_sequence: 0,
@@ -56,6 +58,11 @@ impl Stream {
     /// After a reconnection.
     pub(super) fn renew(&mut self, setup: &Setup) {
         self.marker = Marker::new(setup.limits, setup.value_count);
+        self.begin_epoch();
+    }
+
+    /// Where counter and clock begin anew.
+    pub(super) fn begin_epoch(&mut self) {
         self.first = None;
         self.epoch = self.epoch.saturating_add(1);
         self.base = self.next_sequence;

@@ -4,6 +4,9 @@ use std::fmt;
 
 use crate::frame::Quadruple;
 
+/// Fewer steps than this show no touch.
+const LEAST_STEPS: f64 = 1.0;
+
 /// Fit for use or not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
@@ -64,10 +67,23 @@ pub enum Trouble {
         /// Their share.
         share: f64,
     },
-    /// A value does not change.
+    /// Values do not change while others do.
     Stuck {
-        /// The first such measurement.
+        /// How many measurements.
+        measurements: usize,
+        /// The first of them.
         first: Quadruple,
+    },
+    /// The steps of the converter are too coarse for touches.
+    Coarse {
+        /// Its smallest step, in the unit of the values.
+        step: f64,
+        /// Steps of a touch that changes the median voltage by 1 %.
+        steps_per_touch: f64,
+        /// Measurements that never change.
+        still: usize,
+        /// Of so many.
+        measurements: usize,
     },
     /// The frame rate is not what was asked for.
     Rate {
@@ -109,6 +125,9 @@ impl Finding {
     pub(super) fn of_whole(trouble: Trouble) -> Self {
         let severity = match trouble {
             Trouble::Reciprocity { .. } | Trouble::Silent => Severity::Fault,
+            Trouble::Coarse { steps_per_touch, .. } if steps_per_touch < LEAST_STEPS => {
+                Severity::Fault
+            }
             _ => Severity::Warning,
         };
         Self { severity, electrode: None, trouble }
@@ -134,6 +153,9 @@ impl Finding {
                 "use a shorter cable, a higher baud rate, or fewer frames a second"
             }
             Trouble::Stuck { .. } => "check the multiplexer channel of this measurement",
+            Trouble::Coarse { .. } => {
+                "raise the gain or the current, or use a converter of more bits"
+            }
             Trouble::Rate { .. } => "ask for a rate that the instrument can keep",
             Trouble::Drift { .. } => "let it warm up, and check that nothing rests on the skin",
             Trouble::Silent => "check the current source and the cable of the skin",
@@ -164,13 +186,18 @@ impl fmt::Display for Finding {
                 write!(f, "{:.1} % of the values are saturated", 100.0 * share)
             }
             Trouble::Loss { share } => write!(f, "{:.1} % of the data are lost", 100.0 * share),
-            Trouble::Stuck { first: [a, b, m, n] } => write!(
+            Trouble::Stuck { measurements, first: [a, b, m, n] } => {
+                let [a, b, m, n] = [a, b, m, n].map(|electrode| electrode + 1);
+                if measurements > 1 {
+                    write!(f, "{measurements} measurements do not change, the first is ")?;
+                }
+                write!(f, "drive ({a}, {b}), pair ({m}, {n})")?;
+                if measurements > 1 { Ok(()) } else { f.write_str(" does not change") }
+            }
+            Trouble::Coarse { step, steps_per_touch, still, measurements } => write!(
                 f,
-                "drive ({}, {}), pair ({}, {}) does not change",
-                a + 1,
-                b + 1,
-                m + 1,
-                n + 1
+                "steps of {step:.2e}: a touch of 1 % is {steps_per_touch:.1} of them, and {still} of \
+                 {measurements} measurements never change"
             ),
             Trouble::Rate { found_hz, wanted_hz } => {
                 write!(f, "{found_hz:.2} frames a second, {wanted_hz:.2} wanted")

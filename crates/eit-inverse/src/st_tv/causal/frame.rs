@@ -414,7 +414,8 @@ impl<T: Project> Engine<T> {
 
     /// The data's dual of the last iteration, `[row of F']`, in `dual`.
     pub(crate) fn set_dual(&mut self, setting: &Setting<T>, problem: &Problem<'_>) {
-        use super::iterate::{ball_dual, dot};
+        use super::iterate::dot;
+        use crate::st_tv::ball;
         let (rank, rows) = (setting.rank, problem.seen.rows);
         let Self { fields, map, dual, tail_dual, columns, multiplier, .. } = self;
         let [c, u] = columns;
@@ -448,7 +449,7 @@ impl<T: Project> Engine<T> {
                 let vectors = || map.vectors.chunks_exact(rows).zip(&map.values).take(rows);
                 dual[..rows].fill(0.0);
                 for (vector, value) in vectors() {
-                    let turned = ball_dual(dot(vector, &u[..rows]), *value, *multiplier);
+                    let turned = ball::dual(dot(vector, &u[..rows]), *value, *multiplier);
                     dual.iter_mut().zip(vector).for_each(|(y, e)| *y += turned * e);
                 }
             }

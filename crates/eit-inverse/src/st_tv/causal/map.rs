@@ -17,9 +17,7 @@ use super::fields::{Fields, Setting};
 use super::lanes::{LANES, Project};
 use super::seen::Seen;
 use crate::InverseError;
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
-use faer::{Col, Mat, Par, Spec};
+use crate::st_tv::dense::Eigen;
 use kernels::{Congruent, Dilate, Gram, Invert, Sizes};
 use pulp::Arch;
 
@@ -62,14 +60,6 @@ impl<T> std::fmt::Debug for StepMap<T> {
     }
 }
 
-/// Memory of the eigenvalues, which only a constrained data term needs.
-struct Eigen {
-    matrix: Mat<f64>,
-    vectors: Mat<f64>,
-    values: Col<f64>,
-    memory: MemBuffer,
-}
-
 /// Weights of a frame in inner units.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Weights {
@@ -88,18 +78,7 @@ impl<T: Project> StepMap<T> {
     pub(crate) fn new(setting: &Setting<T>, constrained: bool) -> Self {
         let (rank, padded) = (setting.rank, setting.padded);
         let cells = vec![T::default(); setting.places.length];
-        let yes = ComputeEigenvectors::Yes;
-        let eigen = constrained.then(|| Eigen {
-            matrix: Mat::zeros(rank, rank),
-            vectors: Mat::zeros(rank, rank),
-            values: Col::zeros(rank),
-            memory: MemBuffer::new(self_adjoint_evd_scratch::<f64>(
-                rank,
-                yes,
-                Par::Seq,
-                Spec::default(),
-            )),
-        });
+        let eigen = constrained.then(|| Eigen::new(rank));
         let square = || vec![0.0; rank * rank];
         Self {
             head: padded,
@@ -272,45 +251,5 @@ impl<T: Project> StepMap<T> {
                 Ok(())
             }
         }
-    }
-}
-
-impl Eigen {
-    /// Eigenvalues and eigenvectors, by rows, of a symmetric matrix.
-    fn set(
-        &mut self,
-        matrix: &[f64],
-        n: usize,
-        values: &mut [f64],
-        vectors: &mut [f64],
-    ) -> Result<(), InverseError> {
-        // of fewer rows than ranks the rest is zero, with unit vectors of its own
-        self.matrix.fill(0.0);
-        for i in 0..n {
-            for j in 0..n {
-                self.matrix[(i, j)] = matrix[i * n + j];
-            }
-        }
-        let size = self.matrix.nrows();
-        let part = self.matrix.as_ref().get(..n, ..n);
-        self_adjoint_evd(
-            part,
-            self.values.as_mut().get_mut(..n).as_diagonal_mut(),
-            Some(self.vectors.as_mut().get_mut(..n, ..n)),
-            Par::Seq,
-            MemStack::new(&mut self.memory),
-            Spec::default(),
-        )
-        .map_err(|_| InverseError::Factorisation {
-            what: "eigenvalues of a constrained frame",
-            size,
-        })?;
-        for i in 0..n {
-            values[i] = self.values[i].max(0.0);
-            for j in 0..n {
-                vectors[i * n + j] = self.vectors[(j, i)];
-            }
-        }
-        Ok(())
     }
 }

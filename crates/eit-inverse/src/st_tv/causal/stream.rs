@@ -340,7 +340,7 @@ impl CausalStream {
     /// Radius of the frame at hand, in the data's unit.
     fn delta(&self) -> Option<f64> {
         let Fidelity::Constrained { delta } = self.solver.settings.fidelity else { return None };
-        Some(delta * (self.seen.count as f64 / self.solver.full.good as f64).sqrt())
+        Some(delta * (self.seen.count as f64 / self.solver.channels as f64).sqrt())
     }
 
     /// The data of a frame, in units of the scale, which it may set.

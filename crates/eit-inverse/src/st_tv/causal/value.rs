@@ -4,8 +4,9 @@ use super::bound::Proof;
 use super::differences::{Basis, Differences};
 use super::fields::Setting;
 use super::frame::{Engine, Problem};
-use super::iterate::{ball_dual, dot};
+use super::iterate::dot;
 use super::lanes::{Lane, Project, each, load, total};
+use crate::st_tv::ball;
 use pulp::{Simd, WithSimd};
 
 /// An unknown that changed by less, relative to the target gap and the image's scale, is reported as
@@ -241,9 +242,10 @@ fn into_ball<T: Project>(
     for (out, vector) in turned.iter_mut().zip(engine.map.vectors.chunks_exact(rows)) {
         *out = dot(vector, &record.residual[..rows]);
     }
-    let mu = super::iterate::ball_multiplier(turned, &engine.map.values[..rows], inside);
+    let values = engine.map.values[..rows].iter().copied();
+    let mu = ball::multiplier(|| turned.iter().copied().zip(values.clone()), inside);
     for (u, value) in turned.iter_mut().zip(&engine.map.values) {
-        *u = ball_dual(*u, *value, mu);
+        *u = ball::dual(*u, *value, mu);
     }
     // the candidate's coefficients are not needed any more
     for (z, row) in

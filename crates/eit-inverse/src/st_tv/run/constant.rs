@@ -17,7 +17,7 @@ impl<T: Float> Run<'_, T> {
             values.extend(std::iter::repeat_n(own, count));
         }
         for (p, &label) in parts.label.iter().enumerate() {
-            let row = &mut self.image.candidate[p * self.image.stride..][..task.frames];
+            let row = &mut self.state.candidate[p * self.state.stride..][..task.frames];
             for (x, values) in row.iter_mut().zip(&values) {
                 *x = T::from_f64(values[label as usize]);
             }
@@ -32,13 +32,15 @@ impl<T: Float> Run<'_, T> {
             for (sensitivity, value) in parts.sensitivity.iter().zip(values) {
                 column.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
             }
-            mode.rotate(column, rotated);
+            mode.apply(column, rotated);
             let own = &mut self.evaluation.data_dual[frame * rank..][..rank];
-            let terms = rotated.iter().zip(&mode.singular).zip(&target.values);
-            own.iter_mut().zip(terms).for_each(|(y, ((u, s), b))| *y = s * u - b);
+            let terms = rotated.iter().zip(&target.values);
+            own.iter_mut().zip(terms).for_each(|(y, (u, b))| *y = u - b);
         }
-        let bound = self.evaluation.lower_bound(task.solver.arch, &task.problem(), &self.image);
-        self.best.lower_bound = self.best.lower_bound.max(bound);
+        let (arch, problem) = (task.solver.arch, task.problem());
+        let bound = self.evaluation.lower_bound_of_constant(arch, &problem, &self.state);
+        let best = &mut self.progress.best;
+        best.lower_bound = best.lower_bound.max(bound);
     }
 
     /// Least squares value of each connected part, by sweeps over the parts: one part, the rule,
@@ -59,12 +61,11 @@ impl<T: Float> Run<'_, T> {
                     for (sensitivity, value) in parts.sensitivity.iter().zip(&values) {
                         own.iter_mut().zip(sensitivity).for_each(|(c, s)| *c += s * value);
                     }
-                    mode.rotate(own, all);
-                    mode.rotate(&parts.sensitivity[part], own);
-                    let terms = own.iter().zip(all.iter()).zip(&mode.singular).zip(&target.values);
-                    for (((own, all), s), b) in terms {
-                        along += s * own * (b - s * all);
-                        power += (s * own).powi(2);
+                    mode.apply(own, all);
+                    mode.apply(&parts.sensitivity[part], own);
+                    for ((own, all), b) in own.iter().zip(all.iter()).zip(&target.values) {
+                        along += own * (b - all);
+                        power += own.powi(2);
                     }
                 }
                 values[part] += if power > 0.0 { along / power } else { 0.0 };

@@ -215,6 +215,12 @@ fn columns(
     (volts, tops)
 }
 
+/// The bell at a point; zero beyond its reach.
+#[cfg(feature = "learn")]
+pub(crate) fn bell_at(point: &[f64; 3], centre: [f64; 3], radius_m: f64) -> f64 {
+    bell(point, centre, &[[0.0; 3]; 2], radius_m).map_or(0.0, |[value, ..]| value)
+}
+
 /// The bell at a point and its derivatives along the tangents of the centre; `None` beyond its reach.
 fn bell(
     point: &[f64; 3],

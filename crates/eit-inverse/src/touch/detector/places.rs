@@ -12,8 +12,8 @@ const MOST_PLACES: f64 = 2000.0;
 
 /// Spread places with the triangles around each.
 #[derive(Debug, Clone)]
-pub(super) struct Places {
-    pub(super) at: Vec<Place>,
+pub(crate) struct Places {
+    pub(crate) at: Vec<Place>,
     /// Triangles near each place: `near[starts[k]..starts[k + 1]]`, as corners.
     near: Vec<[Point; 3]>,
     starts: Vec<usize>,
@@ -32,7 +32,7 @@ pub(super) struct Spot {
 
 impl Places {
     /// Centroids of triangles, each at least `spacing_m` from all others; sparser on a large skin.
-    pub(super) fn new(surface: &Surface, spacing_m: f64) -> Self {
+    pub(crate) fn new(surface: &Surface, spacing_m: f64) -> Self {
         let area: f64 = surface.areas_m2().iter().sum();
         let spacing_m = spacing_m.max((area / MOST_PLACES).sqrt());
         let centroids = surface.centroids();

@@ -11,7 +11,7 @@ use crate::error::ReportError;
 use crate::simulate::FabricFrames;
 use eit_fem::fabric::{FabricSettings, Finger, Interpolation, Key, Random, Tip, TouchScript};
 use eit_inverse::touch::{TouchState, TouchStream, TouchStreamSettings};
-use eit_inverse::{AdaptiveReference, ReferenceSettings, StTvStream, StreamSettings};
+use eit_inverse::{AdaptiveReference, CausalSettings, CausalStream, ReferenceSettings};
 use eit_skin::Progress;
 use ndarray::{Array2, Axis};
 use std::f64::consts::TAU;
@@ -87,8 +87,8 @@ pub(super) fn table(
              `TouchStream` with its defaults. Found: part of the fingers of at least {FULL_N} N that \
              have a touch of their own within {:.0} mm; false: touches a frame near no finger; \
              switches: how often a finger's touch has another name than before (after a lift it \
-             must have). ST-TV: window 8, lag 3, judged against the frame that its image is of, \
-             above the one-step noise floor.",
+             must have). ST-TV: each frame linked to the image before, above the one-step noise \
+             floor.",
             grid.track_frames,
             1e3 * WITHIN_M
         ),
@@ -180,12 +180,6 @@ fn noisy(recording: &Recording, noise_std_v: f64) -> Array2<f64> {
     noisy
 }
 
-/// An image and the frame that it is of.
-struct Shown<'a> {
-    image: &'a [f64],
-    frame: usize,
-}
-
 /// Follows the fingers of a recording with noise.
 fn follow(
     disc: &SimulatedDisc,
@@ -199,7 +193,6 @@ fn follow(
     let mut tracker = TouchStream::new(disc.cells.clone(), floor, settings)?;
     let quiet = frames.slice_axis(Axis(0), ndarray::Slice::from(..QUIET));
     let mut reference = AdaptiveReference::of_quiet_frames(quiet, ReferenceSettings::default())?;
-    let how = StreamSettings::default();
     let mut st_tv = match stream {
         ImageStream::OneStep => None,
         ImageStream::StTv => {
@@ -208,7 +201,7 @@ fn follow(
             let few = frames.select(Axis(0), &few);
             let untouched = recording.frames.reference_v.as_slice().unwrap_or_default();
             let solver = total_variation(disc, few, untouched, noise_std_v)?;
-            Some(StTvStream::new(solver, how)?)
+            Some(CausalStream::new(solver, CausalSettings::default())?)
         }
     };
     let mut workspace = reconstructor.workspace();
@@ -227,19 +220,17 @@ fn follow(
                     memory,
                     &mut image,
                 )?;
-                Some(Shown { image: image.as_slice(), frame: k })
+                image.as_slice()
             }
             Some(st_tv) => {
                 let values = difference(disc, &frame, reference.reference());
-                let step = st_tv.push(values.as_slice().unwrap_or_default(), None)?;
-                step.image.map(|image| Shown { image, frame: k.saturating_sub(how.lag) })
+                st_tv.push(values.as_slice().unwrap_or_default(), None)?.image
             }
         };
-        let Some(Shown { image, frame }) = shown else { continue };
-        let touches = tracker.push(image, time_s)?;
+        let touches = tracker.push(shown, time_s)?;
         contact = touches.iter().any(|touch| touch.state != TouchState::End);
-        if frame >= QUIET {
-            scores.add(&recording.present[frame], touches);
+        if k >= QUIET {
+            scores.add(&recording.present[k], touches);
         }
     }
     Ok(scores)

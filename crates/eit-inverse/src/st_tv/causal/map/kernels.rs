@@ -2,9 +2,9 @@
 
 use super::super::differences::Differences;
 use super::super::fields::{Fields, Setting};
-use super::super::iterate::{dot, rows_times};
 use super::super::lanes::{LANES, Lane, Project, each, largest, load, splat, store};
 use super::{FLOOR, STEP, Weights};
+pub(super) use crate::st_tv::dense::{Congruent, Invert};
 use pulp::{Simd, WithSimd};
 
 /// Largest differences of an image, dilated by two groups.
@@ -133,65 +133,6 @@ impl<T: Project> WithSimd for Gram<'_, T> {
                         store(out, at, each(|l| old[l] + sum[l]));
                     }
                 }
-            }
-        }
-    }
-}
-
-/// Inverse of a symmetric matrix whose eigenvalues are 1 or more, in place.
-pub(super) struct Invert<'a> {
-    pub(super) matrix: &'a mut [f64],
-    pub(super) n: usize,
-}
-
-impl WithSimd for Invert<'_> {
-    type Output = ();
-
-    /// Gauss-Jordan without a search for pivots: with eigenvalues of 1 or more none is below 1.
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { matrix, n } = self;
-        for k in 0..n {
-            let (before, rest) = matrix.split_at_mut(k * n);
-            let (row, after) = rest.split_at_mut(n);
-            let inverse = 1.0 / row[k];
-            row[k] = 1.0;
-            row.iter_mut().for_each(|v| *v *= inverse);
-            for other in before.chunks_exact_mut(n).chain(after.chunks_exact_mut(n)) {
-                let factor = other[k];
-                other[k] = 0.0;
-                for (o, r) in other.iter_mut().zip(row.iter()) {
-                    *o = (-factor).mul_add(*r, *o);
-                }
-            }
-        }
-    }
-}
-
-/// `F' G F` by rows of `F'`.
-pub(super) struct Congruent<'a> {
-    pub(super) f: &'a [f64],
-    pub(super) gram: &'a [f64],
-    pub(super) half: &'a mut [f64],
-    pub(super) rank: usize,
-    pub(super) rows: usize,
-    pub(super) out: &'a mut [f64],
-}
-
-impl WithSimd for Congruent<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { f, gram, half, rank, rows, out } = self;
-        for (row, half) in f.chunks_exact(rank).zip(half.chunks_exact_mut(rank)).take(rows) {
-            rows_times(gram, row, half);
-        }
-        for i in 0..rows {
-            for j in 0..=i {
-                let own = dot(&half[i * rank..][..rank], &f[j * rank..][..rank]);
-                out[i * rows + j] = own;
-                out[j * rows + i] = own;
             }
         }
     }

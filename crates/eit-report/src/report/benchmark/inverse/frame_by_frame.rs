@@ -8,10 +8,10 @@ use super::super::super::solver::{BoundedMethod, SetUpCost};
 use super::super::work_precision::{Convergence, SolverDescription, Spread, WorkPrecisionCurve};
 use super::problem::{InverseProblem, SolverRun};
 use crate::error::ReportError;
-use eit_inverse::{Reconstructor, SequenceStatus, StTvStream, Workspace};
+use eit_inverse::{Reconstructor, SequenceStatus, Workspace};
 use eit_skin::denoise::LiveNet;
 use eit_skin::scene::{Hyperparameter, Rule};
-use eit_skin::total_variation::WINDOW;
+use eit_skin::total_variation::TvStream;
 use eit_skin::{FittedFrames, Progress};
 use ndarray::Array2;
 use std::time::Instant;
@@ -67,7 +67,7 @@ pub(super) fn one_step(
     live.curve(problem, &images, run)
 }
 
-/// A window of total variation: images of the newest frame, and through a net.
+/// Total variation frame by frame, and through a net.
 pub(super) fn stream(
     problem: &InverseProblem<'_>,
     model: &ReconstructionModel,
@@ -86,7 +86,7 @@ pub(super) fn stream(
         let made = fitted.tv_stream(method.method, &mut Progress::silent())?;
         let worst =
             Convergence { iterations: 0, status: SequenceStatus::Converged, gap: Some(0.0) };
-        Ok::<_, ReportError>(FrameSolver::Stream { stream: Box::new(made.stream), worst })
+        Ok::<_, ReportError>(FrameSolver::Stream { stream: Box::new(made), worst })
     };
     let solvers = (0..problem.size.stream_runs).map(|_| solver()).collect::<Result<_, _>>()?;
     let FrameTimes { images, seconds, convergence } = frame_by_frame(model, &fitted, net, solvers)?;
@@ -100,7 +100,7 @@ pub(super) fn stream(
     };
     let run = SolverRun {
         time: Spread::of(seconds, 1),
-        floor_s: problem.roofline.total_variation(model, WINDOW, each),
+        floor_s: problem.roofline.total_variation(model, 1, each),
         convergence,
         target_gap: Some(target_gap),
     };
@@ -116,7 +116,7 @@ enum FrameSolver<'a> {
     },
     /// With all its iterations, its worst status and its worst gap.
     Stream {
-        stream: Box<StTvStream>,
+        stream: Box<TvStream>,
         worst: Convergence,
     },
 }

@@ -5,7 +5,8 @@
 //! Householder reflections, which leaves every singular value as accurate as it was: a Gram matrix
 //! would square the condition number. The factor stays as it is until other channels are masked.
 
-use crate::st_tv::data::Compression;
+use super::Compression;
+use crate::st_tv::kernel::dot;
 
 /// The channels of a frame.
 #[derive(Debug, Clone)]
@@ -27,7 +28,7 @@ pub(crate) struct Seen {
 }
 
 /// Data of a frame in the coordinates of its channels.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Target {
     /// `t`, `[row of F']`.
     pub(crate) values: Vec<f64>,
@@ -35,6 +36,31 @@ pub(crate) struct Target {
     /// What no image explains: by measurement for whole frames, else behind the rows of `F'` in the
     /// turned coordinates.
     pub(crate) rest: Vec<f64>,
+}
+
+impl Target {
+    pub(crate) fn zero(compression: &Compression) -> Self {
+        let (rank, measurements) = (compression.rank(), compression.measurements);
+        Self { values: vec![0.0; rank], rest_squared: 0.0, rest: vec![0.0; measurements] }
+    }
+
+    /// Norm of what an image can explain.
+    pub(crate) fn norm(&self) -> f64 {
+        self.values.iter().map(|b| b * b).sum::<f64>().sqrt()
+    }
+
+    /// The target in a unit of this many of its own.
+    pub(crate) fn divide(&mut self, unit: f64) {
+        self.values.iter_mut().chain(&mut self.rest).for_each(|b| *b /= unit);
+        self.rest_squared /= unit * unit;
+    }
+
+    /// No data.
+    pub(crate) fn clear(&mut self) {
+        self.values.fill(0.0);
+        self.rest.fill(0.0);
+        self.rest_squared = 0.0;
+    }
 }
 
 impl Seen {
@@ -84,6 +110,54 @@ impl Seen {
         }
         self.rows = rank.min(self.count);
         self.factor(compression);
+    }
+
+    /// Makes it what a frame without data sees.
+    pub(crate) fn clear(&mut self) {
+        self.good.fill(false);
+        self.channels.clear();
+        self.transposed.fill(0.0);
+        (self.count, self.rows, self.is_whole) = (0, 0, false);
+    }
+
+    /// Copies another one of the same compression; allocates nothing.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.good.copy_from_slice(&other.good);
+        (self.count, self.rows, self.is_whole) = (other.count, other.rows, other.is_whole);
+        self.transposed.copy_from_slice(&other.transposed);
+        if !self.is_whole {
+            self.reflections.copy_from_slice(&other.reflections);
+            self.factors.copy_from_slice(&other.factors);
+        }
+        self.channels.clear();
+        self.channels.extend_from_slice(&other.channels);
+    }
+
+    /// `F' c`, with zeros behind its rows.
+    pub(crate) fn apply(&self, c: &[f64], out: &mut [f64]) {
+        let rank = c.len();
+        if self.is_whole {
+            for (k, (out, c)) in out.iter_mut().zip(c).enumerate() {
+                *out = self.transposed[k * (rank + 1)] * c;
+            }
+            return;
+        }
+        out.fill(0.0);
+        for (out, row) in out.iter_mut().zip(self.transposed.chunks_exact(rank)).take(self.rows) {
+            *out = dot(row, c);
+        }
+    }
+
+    /// `F y`.
+    pub(crate) fn apply_transposed(&self, y: &[f64], out: &mut [f64]) {
+        let rank = out.len();
+        if self.is_whole {
+            return self.apply(y, out);
+        }
+        out.fill(0.0);
+        for (y, row) in y.iter().zip(self.transposed.chunks_exact(rank)).take(self.rows) {
+            out.iter_mut().zip(row).for_each(|(o, f)| *o += y * f);
+        }
     }
 
     /// Householder reflections of the rows left of `U S`, column by column.
@@ -189,7 +263,7 @@ impl Seen {
 
 /// `column -= factor v (v . column)`.
 fn reflect(v: &[f64], factor: f64, column: &mut [f64]) {
-    let along = factor * super::iterate::dot(v, column);
+    let along = factor * dot(v, column);
     column.iter_mut().zip(v).for_each(|(c, v)| *c -= along * v);
 }
 

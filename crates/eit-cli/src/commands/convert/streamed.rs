@@ -1,0 +1,235 @@
+//! Recordings converted message by message: memory does not grow with their length.
+
+use crate::error::CliError;
+use eit_hw::capture::{
+    CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, SessionRecord,
+};
+use eit_hw::{Frame, FrameMap, HwError, Layout, Projection, Quadruple, Quality};
+use eit_report::ReportError;
+use eit_report::output::{OutFile, write_csv};
+use ndarray::ArrayView2;
+use std::io::Write;
+use std::path::Path;
+
+/// What was found on the way.
+#[derive(Default)]
+pub(super) struct Streamed {
+    /// Frames of the recording.
+    pub frames: usize,
+    /// Values of each.
+    pub count: usize,
+    pub complex: bool,
+    /// Frames with a value that is not finite.
+    pub unfinished: usize,
+    pub flagged: usize,
+    pub damage: Damage,
+    session: SessionRecord,
+}
+
+/// The frames of a recording, in its own order or in that of a protocol.
+pub(super) struct Source<'a> {
+    path: &'a Path,
+    quadruples: Option<&'a [Quadruple]>,
+    map: Option<FrameMap>,
+}
+
+impl<'a> Source<'a> {
+    /// Reads all of it once: its size, and that it can be converted.
+    pub fn new(
+        path: &'a Path,
+        quadruples: Option<&'a [Quadruple]>,
+    ) -> Result<(Self, Streamed), CliError> {
+        let mut source = Self { path, quadruples, map: None };
+        let mut found = Streamed::default();
+        let mut reader = CaptureReader::open(path)?;
+        while let Some(entry) = reader.next_entry()? {
+            match entry {
+                Entry::Session(session) => source.session(&mut found, session)?,
+                Entry::Frame(frame) => source.count(&mut found, frame)?,
+                _ => {}
+            }
+        }
+        found.damage = reader.damage();
+        if found.frames == 0 {
+            let Damage { bad_chunks, bad_messages, .. } = found.damage;
+            return Err(CliError::input(format!(
+                "{}: no complete frame found ({bad_chunks} chunks and {bad_messages} messages are \
+                 damaged or too large); record it anew",
+                path.display()
+            )));
+        }
+        Ok((source, found))
+    }
+
+    fn session(&self, found: &mut Streamed, session: SessionRecord) -> Result<(), CliError> {
+        let first = &found.session.quadruples;
+        if !first.is_empty() && *first != session.quadruples {
+            return Err(CliError::input(format!(
+                "{}: sessions of {} and {} measurements differ in them; record each set-up in a file of \
+                 its own",
+                self.path.display(),
+                first.len(),
+                session.quadruples.len()
+            )));
+        }
+        if found.frames == 0 {
+            found.session = session;
+        }
+        Ok(())
+    }
+
+    fn count(&mut self, found: &mut Streamed, frame: Frame) -> Result<(), CliError> {
+        let (count, complex) = (frame.values.len(), frame.imaginary.is_some());
+        if found.frames == 0 {
+            let layout = match found.session.quadruples.len() {
+                0 => Layout::ProtocolOrder,
+                _ => Layout::Quadruples(found.session.quadruples.clone()),
+            };
+            if let Some(wanted) = self.quadruples {
+                let map = FrameMap::new(&layout, count, Some(wanted), wanted.len(), self.path)?;
+                self.map = Some(map);
+            }
+            (found.count, found.complex) = (count, complex);
+        } else if (count, complex) != (found.count, found.complex) {
+            return Err(CliError::input(format!(
+                "{}: frame {} has {count} values, but those before have {}; record each set-up in a \
+                 file of its own",
+                self.path.display(),
+                frame.sequence,
+                found.count
+            )));
+        }
+        let frame = self.mapped(frame)?;
+        found.frames += 1;
+        found.unfinished += usize::from(!is_finite(&frame));
+        found.flagged += frame.quality.iter().filter(|quality| !quality.is_good()).count();
+        Ok(())
+    }
+
+    /// Values of a frame as they are written.
+    pub fn columns(&self, found: &Streamed) -> usize {
+        self.map.as_ref().map_or(found.count, FrameMap::measurements)
+    }
+
+    fn mapped(&self, frame: Frame) -> Result<Frame, HwError> {
+        let Some(map) = &self.map else { return Ok(frame) };
+        let count = map.measurements();
+        let (mut values, mut quality) = (vec![0.0; count], vec![Quality::GOOD; count]);
+        let parts = frame.imaginary.as_deref();
+        let mut part = |projection, into: &mut Vec<f64>| {
+            map.apply_into(&frame.values, parts, &frame.quality, projection, into, &mut quality)
+        };
+        part(Projection::Real, &mut values)?;
+        let imaginary = match parts {
+            Some(_) => {
+                let mut imaginary = vec![0.0; count];
+                part(Projection::Imaginary, &mut imaginary)?;
+                Some(imaginary)
+            }
+            None => None,
+        };
+        Ok(Frame { values, imaginary, quality, ..frame })
+    }
+
+    fn each<E: From<HwError>>(
+        &self,
+        mut take: impl FnMut(Entry) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let mut reader = CaptureReader::open(self.path)?;
+        while let Some(entry) = reader.next_entry()? {
+            take(match entry {
+                Entry::Frame(frame) => Entry::Frame(self.mapped(frame)?),
+                other => other,
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Every message, frames in the order of the protocol, as a new recording.
+    pub fn write_mcap(&self, out: &Path) -> Result<(), CliError> {
+        let mut writer: Option<CaptureWriter> = None;
+        let settings = CaptureSettings::default;
+        let create = |session: &SessionRecord| {
+            CaptureWriter::create(out, session, settings())
+                .map_err(|error| CliError::input(error.to_string()))
+        };
+        self.each(|entry| {
+            let entry = match entry {
+                Entry::Session(session) => {
+                    let quadruples =
+                        self.quadruples.map_or(session.quadruples, <[Quadruple]>::to_vec);
+                    Entry::Session(SessionRecord { quadruples, ..session })
+                }
+                other => other,
+            };
+            match (&mut writer, &entry) {
+                (Some(writer), entry) => writer.write(entry)?,
+                (None, Entry::Session(session)) => writer = Some(create(session)?),
+                // its session was lost
+                (None, entry) => {
+                    let mut begun = create(&SessionRecord::default())?;
+                    begun.write(entry)?;
+                    writer = Some(begun);
+                }
+            }
+            Ok::<_, CliError>(())
+        })?;
+        writer.map_or(Ok(()), |writer| Ok(writer.finish()?))
+    }
+
+    /// Every frame whose values are finite, as rows of a table.
+    pub fn write_table(&self, found: &Streamed, out: &Path, format: &str) -> Result<(), CliError> {
+        let (columns, parts) = (self.columns(found), if found.complex { 2 } else { 1 });
+        let rows = parts * (found.frames - found.unfinished);
+        OutFile::new(out)?.write(|out| {
+            if format == "npy" {
+                write_npy_head(rows, columns, out)?;
+            }
+            self.each(|entry| {
+                let Entry::Frame(frame) = entry else { return Ok(()) };
+                if !is_finite(&frame) {
+                    return Ok(());
+                }
+                for row in std::iter::once(&frame.values).chain(&frame.imaginary) {
+                    match format {
+                        "npy" => {
+                            let bytes: Vec<u8> = row.iter().flat_map(|v| v.to_le_bytes()).collect();
+                            out.write_all(&bytes).map_err(failed)?;
+                        }
+                        _ => {
+                            let row =
+                                ArrayView2::from_shape((1, row.len()), row).map_err(failed)?;
+                            write_csv(row, out)?;
+                        }
+                    }
+                }
+                Ok::<_, ReportError>(())
+            })
+        })?;
+        Ok(())
+    }
+}
+
+fn failed(error: impl std::fmt::Display) -> ReportError {
+    ReportError::Failure(format!("writing failed: {error}"))
+}
+
+fn is_finite(frame: &Frame) -> bool {
+    let parts = frame.imaginary.iter().flatten();
+    frame.values.iter().chain(parts).all(|value| value.is_finite())
+}
+
+/// What begins an array [row, column] of numbers, version 1.0 (NumPy enhancement proposal 1).
+fn write_npy_head(rows: usize, columns: usize, out: &mut dyn Write) -> Result<(), ReportError> {
+    const MARK_BYTES: usize = 10;
+    let mut head =
+        format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({rows}, {columns})}}");
+    // the numbers begin at a multiple of 64
+    let length = (MARK_BYTES + head.len() + 1).next_multiple_of(64) - MARK_BYTES;
+    head = format!("{head:<width$}\n", width = length - 1);
+    let length = u16::try_from(head.len()).map_err(failed)?.to_le_bytes();
+    for bytes in [b"\x93NUMPY\x01\x00", &length[..], head.as_bytes()] {
+        out.write_all(bytes).map_err(failed)?;
+    }
+    Ok(())
+}

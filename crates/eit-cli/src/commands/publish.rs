@@ -1,0 +1,74 @@
+//! Touches for other programs, besides what `eit live` and `eit replay` show.
+
+use super::Answer;
+use crate::cli::PublishArgs;
+use crate::error::CliError;
+use eit_picture::SkinDrawing;
+use eit_publish::{Publisher, SkinShape, UdpSink, WebServer};
+use eit_skin::Progress;
+use eit_skin::live::LiveModel;
+use eit_skin::words::printable;
+
+/// Opens what is asked for; `None` where nothing is.
+pub(super) fn open(args: &PublishArgs, is_json: bool) -> Result<Option<Publisher>, CliError> {
+    if args.json_lines && is_json {
+        let message = "--json-lines and --json: each wants stdout for itself; take one";
+        return Err(CliError::input(message));
+    }
+    if !args.json_lines && args.udp.is_empty() && args.web.is_none() {
+        return Ok(None);
+    }
+    let mut publisher = Publisher::new();
+    for address in &args.udp {
+        let sink = UdpSink::new(address).map_err(|e| CliError::from(e).within("--udp"))?;
+        publisher = publisher.with_udp(sink);
+    }
+    if let Some(address) = &args.web {
+        let server = WebServer::new(address).map_err(|e| CliError::from(e).within("--web"))?;
+        eprintln!("eit: live page at {}", server.url());
+        publisher = publisher.with_web(server);
+    }
+    if args.json_lines {
+        publisher = publisher.with_lines(std::io::stdout());
+    }
+    Ok(Some(publisher))
+}
+
+/// The skin as the page draws it.
+pub(super) fn shape(model: &LiveModel) -> Result<SkinShape, CliError> {
+    let raster = model.linearised.raster(&mut Progress::silent())?;
+    let mut drawing = SkinDrawing::from_raster(&model.skin().mesh, raster);
+    drawing.electrodes.sort_by_key(|electrode| electrode.number);
+    let electrodes = drawing.electrodes.into_iter();
+    let extent = drawing.extent;
+    Ok(SkinShape {
+        name: model.skin().name.clone(),
+        outlines_m: drawing.outlines_m,
+        electrodes_m: electrodes.map(|electrode| electrode.rim_m).collect(),
+        extent_m: [extent.x_min_m, extent.x_max_m, extent.y_min_m, extent.y_max_m],
+    })
+}
+
+/// The last line, and what could not be sent.
+pub(super) fn end(mut publisher: Publisher) -> Result<(), CliError> {
+    publisher.end()?;
+    for sink in publisher.udp() {
+        if let Some(error) = sink.last_error() {
+            let (unsent, all) = (sink.unsent(), sink.sent() + sink.unsent());
+            eprintln!(
+                "eit: note: --udp {}: {unsent} of {all} lines were not sent: {error}",
+                sink.address()
+            );
+        }
+    }
+    Ok(())
+}
+
+/// An answer goes to stderr where stdout is for lines.
+pub(super) fn told(args: &PublishArgs, answer: Answer) -> Answer {
+    if !args.json_lines {
+        return answer;
+    }
+    eprintln!("{}", printable(&answer.text));
+    Answer { text: String::new(), ..answer }
+}

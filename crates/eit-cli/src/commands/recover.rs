@@ -1,0 +1,63 @@
+//! `eit recover`: what is whole of a damaged recording, as a new one.
+
+use super::{Answer, check_ending};
+use crate::cli::RecoverArgs;
+use crate::error::CliError;
+use eit_hw::capture::{Damage, Recovered, recover};
+use serde_json::json;
+
+/// Writes the new recording and says what is missing in it.
+pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
+    check_ending(&args.out, &["mcap"])?;
+    if args.out.exists() {
+        return Err(CliError::input(format!(
+            "{}: exists, and a recording is never written over: name another file",
+            args.out.display()
+        )));
+    }
+    let Recovered { frames, messages, attachments, bad_attachments, damage } =
+        recover(&args.input, &args.out)?;
+    let Damage {
+        unfinished,
+        truncated_bytes,
+        skipped_bytes,
+        bad_chunks,
+        mended_chunks,
+        bad_messages,
+    } = damage;
+    let place = args.out.display();
+    let mut text = format!(
+        "{frames} frames, {messages} other messages and {attachments} attachments in {place}"
+    );
+    for (count, what) in [
+        (bad_chunks as u64, "chunks are damaged: left out"),
+        (bad_messages as u64, "messages cannot be read: left out"),
+        (bad_attachments, "attachments are damaged: left out"),
+        (skipped_bytes, "bytes between whole records belong to none: left out"),
+        (truncated_bytes, "bytes at the end are no whole record: left out"),
+        (mended_chunks as u64, "chunks had a damaged head and are whole"),
+    ] {
+        if count > 0 {
+            text += &format!("\n{count} {what}");
+        }
+    }
+    text += match (damage.is_any() || bad_attachments > 0, unfinished) {
+        (false, false) => "\nnothing was wrong",
+        (false, true) => "\nit was not finished, and nothing else was wrong",
+        (true, _) => "",
+    };
+    let json = json!({
+        "file": place.to_string(),
+        "frames": frames,
+        "messages": messages,
+        "attachments": attachments,
+        "bad_attachments": bad_attachments,
+        "bad_chunks": bad_chunks,
+        "mended_chunks": mended_chunks,
+        "bad_messages": bad_messages,
+        "skipped_bytes": skipped_bytes,
+        "truncated_bytes": truncated_bytes,
+        "unfinished": unfinished,
+    });
+    Ok(Answer { text, json })
+}

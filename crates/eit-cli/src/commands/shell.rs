@@ -1,0 +1,30 @@
+//! `eit completions` and `eit man`: what a shell and `man` know of the program, from its own definitions.
+
+use super::Answer;
+use crate::cli::{Cli, CompletionsArgs, ManArgs};
+use crate::error::CliError;
+use clap::CommandFactory as _;
+use serde_json::json;
+
+/// The completions of a shell.
+pub(crate) fn completions(args: &CompletionsArgs) -> Result<Answer, CliError> {
+    let mut script = Vec::new();
+    clap_complete::generate(args.shell, &mut Cli::command(), "eit", &mut script);
+    let text = String::from_utf8_lossy(&script).trim_end().to_owned();
+    let json = json!({ "shell": args.shell.to_string(), "script": text });
+    Ok(Answer { text, json })
+}
+
+/// The manual pages of the program and its commands.
+pub(crate) fn man(args: &ManArgs) -> Result<Answer, CliError> {
+    let failed = |error| CliError::at(&args.out, error);
+    std::fs::create_dir_all(&args.out).map_err(failed)?;
+    // a page for each command of ours, and none for clap's own `help`
+    let command = Cli::command().disable_help_subcommand(true);
+    let pages = 1 + command.get_subcommands().count();
+    clap_mangen::generate_to(command, &args.out).map_err(failed)?;
+    Ok(Answer {
+        text: format!("{pages} manual pages in {}", args.out.display()),
+        json: json!({ "pages": pages, "folder": args.out }),
+    })
+}

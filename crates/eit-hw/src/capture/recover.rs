@@ -1,0 +1,201 @@
+//! What is whole of a damaged recording, as a new one.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fs::{File, OpenOptions};
+use std::io::{BufReader, BufWriter};
+use std::ops::Range;
+use std::path::Path;
+
+use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
+use mcap::{Compression, McapError, WriteOptions, Writer};
+
+use super::container::container_error;
+use super::entry::{Entry, Topic};
+use super::records::{
+    Attachment, Channel, Damage, Message, Records, Schema, named_map, op, text_map,
+};
+use crate::error::{HwError, Place};
+use crate::regular::regular_file;
+
+/// What was written to the new recording, and what could not be.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Recovered {
+    /// Frames.
+    pub frames: u64,
+    /// Other messages: sessions, references, touches, notes and those of other programs.
+    pub messages: u64,
+    /// Attachments and metadata.
+    pub attachments: u64,
+    /// Attachments whose checksum is wrong; they are left out.
+    pub bad_attachments: u64,
+    /// What is missing.
+    pub damage: Damage,
+}
+
+/// Writes a new recording with everything that is whole of a damaged one: messages of every topic with
+/// their clocks and numbers, attachments and metadata, in their order.
+///
+/// # Errors
+/// As [`read`](super::read); [`HwError::Write`] where the new file exists already or cannot be written.
+pub fn recover(from: &Path, to: &Path) -> Result<Recovered, HwError> {
+    let source = BufReader::with_capacity(1 << 16, regular_file(from)?);
+    let mut records = Records::new(source, from)?;
+    let mut copy = Copy::to(to)?;
+    while let Some(item) = records.next()? {
+        let copied = match item.op {
+            op::SCHEMA => copy.schema(records.bytes(&item)),
+            op::CHANNEL => copy.channel(records.bytes(&item)),
+            op::MESSAGE => copy.message(records.bytes(&item)),
+            op::METADATA => copy.metadata(&mut records, item.place),
+            op::ATTACHMENT => copy.attachment(&mut records, item.place),
+            _ => Ok(()),
+        };
+        copied.map_err(|failure| failure.at(to))?;
+    }
+    copy.recovered.damage = records.damage();
+    copy.recovered.damage.bad_messages += copy.bad_messages;
+    let recovered = copy.recovered;
+    copy.finish().map_err(|failure| failure.at(to))?;
+    Ok(recovered)
+}
+
+/// Why a record was not copied.
+enum Failure {
+    Read(HwError),
+    Write(McapError),
+}
+
+impl Failure {
+    fn at(self, path: &Path) -> HwError {
+        match self {
+            Self::Read(error) => error,
+            Self::Write(McapError::Io(source)) => {
+                HwError::Write { place: Place::file(path), source }
+            }
+            Self::Write(other) => container_error(Place::file(path), &other),
+        }
+    }
+}
+
+impl From<HwError> for Failure {
+    fn from(error: HwError) -> Self {
+        Self::Read(error)
+    }
+}
+
+impl From<McapError> for Failure {
+    fn from(error: McapError) -> Self {
+        Self::Write(error)
+    }
+}
+
+type Source = Records<BufReader<File>>;
+
+/// The new recording.
+struct Copy {
+    writer: Writer<BufWriter<File>>,
+    /// Schemas and channels of the old one, as those of the new one.
+    schemas: HashMap<u16, u16>,
+    channels: HashMap<u16, (u16, Option<Topic>)>,
+    bad_messages: usize,
+    recovered: Recovered,
+}
+
+impl Copy {
+    fn to(path: &Path) -> Result<Self, HwError> {
+        let file = OpenOptions::new().write(true).create_new(true).open(path);
+        let file = file.map_err(|source| HwError::Write { place: Place::file(path), source })?;
+        let writer = WriteOptions::new()
+            .compression(Some(Compression::Lz4))
+            .chunk_size(Some(1 << 20))
+            .library(concat!("eit-hw ", env!("CARGO_PKG_VERSION"), " recover"))
+            .create(BufWriter::new(file))
+            .map_err(|error| Failure::Write(error).at(path))?;
+        let (schemas, channels) = (HashMap::new(), HashMap::new());
+        Ok(Self { writer, schemas, channels, bad_messages: 0, recovered: Recovered::default() })
+    }
+
+    fn schema(&mut self, bytes: &[u8]) -> Result<(), Failure> {
+        let Some(Schema { id, name, encoding, data }) = Schema::parse(bytes) else { return Ok(()) };
+        let new = self.writer.add_schema(name, encoding, data)?;
+        self.schemas.insert(id, new);
+        Ok(())
+    }
+
+    fn channel(&mut self, bytes: &[u8]) -> Result<(), Failure> {
+        let Some(channel) = Channel::parse(bytes) else { return Ok(()) };
+        let topic = Topic::of(&channel);
+        let schema = self.schemas.get(&channel.schema).copied().unwrap_or(0);
+        let metadata = text_map(channel.metadata).unwrap_or_default();
+        let new = self.writer.add_channel(schema, channel.topic, channel.encoding, &metadata)?;
+        self.channels.insert(channel.id, (new, topic));
+        Ok(())
+    }
+
+    fn message(&mut self, bytes: &[u8]) -> Result<(), Failure> {
+        let Some(message) = Message::parse(bytes) else { return Ok(()) };
+        let (channel_id, topic) = match self.channels.get(&message.channel) {
+            Some(&found) => found,
+            // its channel was named in a chunk that is bad
+            None => {
+                let is_of = |topic: &Topic| Entry::from_json(*topic, message.data).is_some();
+                let Some(topic) = Topic::ALL.into_iter().find(is_of) else {
+                    self.bad_messages += 1;
+                    return Ok(());
+                };
+                (self.own_channel(topic)?, Some(topic))
+            }
+        };
+        let header = MessageHeader {
+            channel_id,
+            sequence: message.sequence,
+            log_time: message.log_time,
+            publish_time: message.publish_time,
+        };
+        self.writer.write_to_known_channel(&header, message.data)?;
+        match topic {
+            Some(Topic::Frame) => self.recovered.frames += 1,
+            _ => self.recovered.messages += 1,
+        }
+        Ok(())
+    }
+
+    fn own_channel(&mut self, topic: Topic) -> Result<u16, Failure> {
+        let (name, text) = topic.schema();
+        let schema = self.writer.add_schema(name, "jsonschema", text.as_bytes())?;
+        Ok(self.writer.add_channel(schema, topic.name(), "json", &BTreeMap::new())?)
+    }
+
+    fn metadata(&mut self, records: &mut Source, place: Range<u64>) -> Result<(), Failure> {
+        let bytes = records.held(place)?;
+        let Some((name, metadata)) = named_map(&bytes) else {
+            self.recovered.bad_attachments += 1;
+            return Ok(());
+        };
+        self.writer.write_metadata(&Metadata { name, metadata })?;
+        self.recovered.attachments += 1;
+        Ok(())
+    }
+
+    fn attachment(&mut self, records: &mut Source, place: Range<u64>) -> Result<(), Failure> {
+        let Some(found) = records.attachment(place)? else {
+            self.recovered.bad_attachments += 1;
+            return Ok(());
+        };
+        let Attachment { log_time, create_time, name, media_type, data, .. } = found;
+        let header = AttachmentHeader { log_time, create_time, name, media_type };
+        self.writer.start_attachment(data.end - data.start, header)?;
+        records.copy(data, |piece| Ok::<_, Failure>(self.writer.put_attachment_bytes(piece)?))?;
+        self.writer.finish_attachment()?;
+        self.recovered.attachments += 1;
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<(), Failure> {
+        self.writer.finish()?;
+        let file =
+            self.writer.into_inner().into_inner().map_err(|e| McapError::Io(e.into_error()))?;
+        file.sync_all().map_err(McapError::Io)?;
+        Ok(())
+    }
+}

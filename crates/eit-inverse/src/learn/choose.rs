@@ -1,0 +1,215 @@
+//! Parameters of a [`ResponseMap`] by cross-validation, and the errors that it leaves.
+//!
+//! Presses are dealt to ten folds, one by one in the order of time (leave-one-out of ten presses or fewer);
+//! each fold is located by what the others teach. Everything is fitted anew without the fold, gains and
+//! variances included.
+
+use super::locate::posterior_of_misfits;
+use super::presses::{ModelResponses, Presses};
+use super::response_map::{
+    Geometry, ResponseMap, ResponseMapSettings, Responses, UnitData, fit, misfits, rests,
+};
+use crate::InverseError;
+use crate::geometry::distance_m;
+use ndarray::{Array2, Axis};
+
+/// Folds at most.
+const FOLDS: usize = 10;
+
+/// Least presses that anything is learnt from.
+pub(super) const LEAST_PRESSES: usize = 4;
+
+/// Lengths that are tried, as parts of the presses' spread (root mean square distance from their middle).
+const LENGTHS: [f64; 5] = [0.28, 0.4, 0.5, 0.7, 1.0];
+const NOISES: [f64; 2] = [0.1, 0.3];
+const PULLS: [Option<f64>; 3] = [None, Some(0.05), Some(0.5)];
+const INDEPENDENT_CHANNELS: [f64; 4] = [8.0, 15.0, 30.0, 60.0];
+
+/// A press that leaves more than this many times what held-out presses leave, at the level below, is unlike.
+const UNLIKE: f64 = 1.5;
+const UNLIKE_LEVEL: f64 = 0.95;
+
+/// Distance of each press's place from where it is located without it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FoldErrors {
+    /// Of each press, metres.
+    pub errors_m: Vec<f64>,
+}
+
+impl FoldErrors {
+    /// Mean, metres.
+    pub fn mean_m(&self) -> f64 {
+        self.errors_m.iter().sum::<f64>() / self.errors_m.len().max(1) as f64
+    }
+
+    /// Median, metres.
+    pub fn median_m(&self) -> f64 {
+        quantile(&self.errors_m, 0.5)
+    }
+}
+
+/// A quantile of values that are finite; 0 of none.
+pub(super) fn quantile(values: &[f64], part: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let last = sorted.len().saturating_sub(1);
+    sorted.get((part * last as f64).round() as usize).copied().unwrap_or(0.0)
+}
+
+/// A learnt map and how it was chosen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Choice {
+    /// The map, of all presses.
+    pub map: ResponseMap,
+    /// Errors of the presses by cross-validation.
+    pub errors: FoldErrors,
+    /// Combinations of parameters that were tried.
+    pub tried: usize,
+}
+
+/// Located presses of a choice of parameters.
+struct Held {
+    errors_m: Vec<f64>,
+    /// Mean squared error over mean trace of the covariance.
+    factor: f64,
+}
+
+impl ResponseMap {
+    /// Learns a map from presses, its parameters chosen by cross-validation on the mean distance.
+    ///
+    /// # Errors
+    /// Fewer than four presses, presses all at one place, frames or responses that are not finite.
+    pub fn learn(presses: &Presses, model: &ModelResponses) -> Result<Choice, InverseError> {
+        presses.validate(LEAST_PRESSES)?;
+        model.validate(presses)?;
+        let spread_m = spread_m(&presses.places_m);
+        if spread_m <= 0.0 {
+            return Err(InverseError::PressesAtOnePlace { presses: presses.places_m.len() });
+        }
+        let data = UnitData::new(presses, model);
+        let folds = folds(presses.places_m.len());
+        let (mut best, mut tried): (Option<(f64, ResponseMapSettings, Held)>, usize) = (None, 0);
+        for length_m in LENGTHS.map(|part| part * spread_m) {
+            for noise in NOISES {
+                let geometries = geometries(presses, model, &folds, length_m, noise)?;
+                for gain_pull in PULLS {
+                    let misfits = held_misfits(&geometries, &data, gain_pull);
+                    for independent_channels in INDEPENDENT_CHANNELS {
+                        let held = locate(presses, model, &misfits, independent_channels);
+                        let score = held.errors_m.iter().sum::<f64>();
+                        tried += 1;
+                        if best.as_ref().is_none_or(|(least, ..)| score < *least) {
+                            let settings = ResponseMapSettings {
+                                length_m,
+                                noise,
+                                gain_pull,
+                                independent_channels,
+                            };
+                            best = Some((score, settings, held));
+                        }
+                    }
+                }
+            }
+        }
+        let Some((_, settings, held)) = best else {
+            return Err(InverseError::PressesAtOnePlace { presses: presses.places_m.len() });
+        };
+        let mut map = Self::with_settings(presses, model, settings)?;
+        map.covariance_factor = held.factor;
+        map.rest_limit = rest_limit(presses, model, &folds, &data, &settings)?;
+        Ok(Choice { map, errors: FoldErrors { errors_m: held.errors_m }, tried })
+    }
+}
+
+/// Root mean square distance from the middle.
+pub(super) fn spread_m(places_m: &[[f64; 3]]) -> f64 {
+    let count = places_m.len().max(1) as f64;
+    let middle: [f64; 3] =
+        std::array::from_fn(|k| places_m.iter().map(|p| p[k]).sum::<f64>() / count);
+    (places_m.iter().map(|p| distance_m(*p, middle).powi(2)).sum::<f64>() / count).sqrt()
+}
+
+/// Presses of each fold: learnt, held out.
+fn folds(presses: usize) -> Vec<[Vec<usize>; 2]> {
+    let count = presses.min(FOLDS);
+    let of = |fold: usize| (0..presses).partition(|press| press % count != fold);
+    (0..count).map(of).map(|(learnt, held)| [learnt, held]).collect()
+}
+
+/// A fold with its kernel.
+struct Fold<'a> {
+    of: &'a [Vec<usize>; 2],
+    geometry: Geometry,
+}
+
+fn geometries<'a>(
+    presses: &Presses,
+    model: &ModelResponses,
+    folds: &'a [[Vec<usize>; 2]],
+    length_m: f64,
+    noise: f64,
+) -> Result<Vec<Fold<'a>>, InverseError> {
+    let fold = |of: &'a [Vec<usize>; 2]| {
+        let places: Vec<_> = of[0].iter().map(|&k| presses.places_m[k]).collect();
+        let geometry = Geometry::new(&places, &model.candidates_m, length_m, noise)?;
+        Ok(Fold { of, geometry })
+    };
+    folds.iter().map(fold).collect()
+}
+
+fn fit_fold(fold: &Fold<'_>, data: &UnitData, gain_pull: Option<f64>) -> (Responses, Array2<f64>) {
+    let [frames, model] = data.select(&fold.of[0]);
+    let responses = fit(&fold.geometry, &frames, &model, &data.model_at_candidates, gain_pull);
+    (responses, data.frames.select(Axis(0), &fold.of[1]))
+}
+
+/// Misfits of every press by its fold, `[press, candidate]`.
+fn held_misfits(folds: &[Fold<'_>], data: &UnitData, gain_pull: Option<f64>) -> Array2<f64> {
+    let shape = (data.frames.nrows(), data.model_at_candidates.nrows());
+    let mut all = Array2::zeros(shape);
+    for fold in folds {
+        let (responses, held) = fit_fold(fold, data, gain_pull);
+        let of_fold = misfits(&fold.geometry, &responses, &held);
+        for (row, &press) in of_fold.rows().into_iter().zip(&fold.of[1]) {
+            all.row_mut(press).assign(&row);
+        }
+    }
+    all
+}
+
+fn locate(
+    presses: &Presses,
+    model: &ModelResponses,
+    misfits: &Array2<f64>,
+    independent_channels: f64,
+) -> Held {
+    let scale = independent_channels / presses.frames.ncols() as f64;
+    let (mut errors_m, mut squares, mut traces) = (Vec::new(), 0.0, 0.0);
+    let mut weights = vec![0.0; model.candidates_m.len()];
+    for (misfits, place) in misfits.rows().into_iter().zip(&presses.places_m) {
+        weights.iter_mut().zip(misfits).for_each(|(w, m)| *w = scale * m);
+        let found = posterior_of_misfits(&mut weights, &model.candidates_m);
+        let error_m = distance_m(found.mean_m, *place);
+        squares += error_m * error_m;
+        traces += (0..3).map(|k| found.covariance_m2[k][k]).sum::<f64>();
+        errors_m.push(error_m);
+    }
+    Held { errors_m, factor: if traces > 0.0 { squares / traces } else { 1.0 } }
+}
+
+/// What held-out presses leave unexplained, with room.
+fn rest_limit(
+    presses: &Presses,
+    model: &ModelResponses,
+    folds: &[[Vec<usize>; 2]],
+    data: &UnitData,
+    settings: &ResponseMapSettings,
+) -> Result<f64, InverseError> {
+    let ResponseMapSettings { length_m, noise, gain_pull, .. } = *settings;
+    let mut all = Vec::new();
+    for fold in &geometries(presses, model, folds, length_m, noise)? {
+        let (responses, held) = fit_fold(fold, data, gain_pull);
+        all.extend(rests(&responses, &held));
+    }
+    Ok((UNLIKE * quantile(&all, UNLIKE_LEVEL)).min(1.0))
+}

@@ -1,0 +1,228 @@
+//! Newtons from the strength of a touch and its place.
+//!
+//! ```text
+//! ln F = b0 + b1 u + b2 u^2 + b3 r^2 + b4 r^4 + b5 x + b6 y,    u = ln(strength / middle strength)
+//! ```
+//!
+//! `r`, `x`, `y` are distances from the middle of the skin as parts of its radius: the response of a sheet
+//! depends on the place even where its strength is corrected by the model. How many of the terms the data
+//! carry is chosen by leave-one-out; each is held by a ridge. Force rises with strength everywhere: a curve
+//! that would fall within what was learnt loses its `u^2`, and beyond that range goes on along its tangent.
+
+use super::choose::quantile;
+use crate::InverseError;
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+
+/// Terms of the models that are tried, by their number in the list above.
+const MODELS: [&[usize]; 7] = [
+    &[0, 1],
+    &[0, 1, 3],
+    &[0, 1, 2],
+    &[0, 1, 2, 3],
+    &[0, 1, 2, 3, 4],
+    &[0, 1, 3, 5, 6],
+    &[0, 1, 2, 3, 4, 5, 6],
+];
+const TERMS: usize = 7;
+/// Prior standard deviation of each term, and its mean: the logarithm of the force rises with that of the
+/// strength.
+const PRIOR_STD: [f64; TERMS] = [100.0, 1.0, 0.3, 1.0, 1.0, 0.3, 0.3];
+const PRIOR_MEAN: [f64; TERMS] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+/// Error of a single force that the priors are weighed against.
+const PRIOR_ERROR: f64 = 0.05;
+/// Least presses with a force.
+const LEAST_FORCES: usize = 3;
+/// The least slope of `ln F` over `ln strength`.
+const LEAST_SLOPE: f64 = 0.05;
+
+/// A press with a known force.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForceSample {
+    /// Strength of its touch, any unit, above zero.
+    pub strength: f64,
+    /// Where, metres.
+    pub place_m: [f64; 3],
+    /// Newtons, above zero.
+    pub force_n: f64,
+}
+
+/// A force and its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForceEstimate {
+    /// Newtons.
+    pub force_n: f64,
+    /// Its standard deviation, newtons.
+    pub std_n: f64,
+}
+
+/// Strength and place to newtons.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForceCurve {
+    /// Coefficients; those left out are zero.
+    pub coefficients: [f64; TERMS],
+    /// Covariance of the coefficients, row by row.
+    pub covariance: Vec<f64>,
+    /// Middle of the skin, metres, and its radius.
+    pub middle_m: [f64; 3],
+    /// See there.
+    pub radius_m: f64,
+    /// Middle of the logarithms of the strengths, and their range about it.
+    pub middle_ln: f64,
+    /// See there.
+    pub range_ln: [f64; 2],
+    /// Standard deviation of `ln F` of a press that was not learnt, by leave-one-out.
+    pub error_ln: f64,
+    /// Forces that were learnt, newtons.
+    pub forces_n: [f64; 2],
+}
+
+impl ForceCurve {
+    /// Coefficients.
+    pub const TERMS: usize = TERMS;
+
+    /// Learns from presses of known force on a skin with this middle and radius.
+    ///
+    /// # Errors
+    /// Fewer than three forces; one that is not above zero, or a touch without strength.
+    pub fn learn(
+        samples: &[ForceSample],
+        middle_m: [f64; 3],
+        radius_m: f64,
+    ) -> Result<Self, InverseError> {
+        if samples.len() < LEAST_FORCES {
+            let found = samples.len();
+            return Err(InverseError::TooFewPresses { found, needed: LEAST_FORCES });
+        }
+        for (press, sample) in samples.iter().enumerate() {
+            for (quantity, value) in [("force_n", sample.force_n), ("strength", sample.strength)] {
+                if !(value > 0.0 && value.is_finite()) {
+                    let must = "finite and above zero";
+                    return Err(InverseError::MeasurementOutOfRange {
+                        quantity,
+                        measurement: press,
+                        value,
+                        must,
+                    });
+                }
+            }
+        }
+        let logarithms: Vec<f64> = samples.iter().map(|s| s.strength.ln()).collect();
+        let middle_ln = quantile(&logarithms, 0.5);
+        let range = |of: fn(f64, f64) -> f64| {
+            logarithms.iter().map(|l| l - middle_ln).reduce(of).unwrap_or(0.0)
+        };
+        let forces =
+            |of: fn(f64, f64) -> f64| samples.iter().map(|s| s.force_n).reduce(of).unwrap_or(0.0);
+        let mut made = Self {
+            coefficients: [0.0; TERMS],
+            covariance: vec![0.0; TERMS * TERMS],
+            middle_m,
+            radius_m,
+            middle_ln,
+            range_ln: [range(f64::min), range(f64::max)],
+            error_ln: f64::INFINITY,
+            forces_n: [forces(f64::min), forces(f64::max)],
+        };
+        for terms in MODELS.iter().filter(|terms| terms.len() == 2 || terms.len() < samples.len()) {
+            made.attempt(samples, terms)?;
+        }
+        Ok(made)
+    }
+
+    /// The force of a touch; `place_std_m` is the standard deviation of its place, `strength_std` that of its
+    /// strength as a part of it.
+    pub fn force(&self, strength: f64, place_m: [f64; 3], strength_std: f64) -> ForceEstimate {
+        if !(strength > 0.0 && strength.is_finite()) {
+            return ForceEstimate { force_n: 0.0, std_n: f64::INFINITY };
+        }
+        let u = strength.ln() - self.middle_ln;
+        let [low, high] = self.range_ln;
+        let within = u.clamp(low, high);
+        let terms = self.terms(within, place_m);
+        let value: f64 = terms.iter().zip(&self.coefficients).map(|(t, c)| t * c).sum();
+        let slope = self.slope(within);
+        let ln_force = value + slope * (u - within);
+        let variance: f64 = (0..TERMS)
+            .flat_map(|i| (0..TERMS).map(move |j| (i, j)))
+            .map(|(i, j)| terms[i] * terms[j] * self.covariance[i * TERMS + j])
+            .sum();
+        let beyond = (u - within).abs();
+        let std_ln = (self.error_ln.powi(2)
+            + variance.max(0.0)
+            + (slope * strength_std).powi(2)
+            + (0.3 * beyond).powi(2))
+        .sqrt();
+        let force_n = ln_force.exp();
+        ForceEstimate { force_n, std_n: force_n * std_ln }
+    }
+
+    /// Slope of `ln F` over `ln strength`.
+    fn slope(&self, u: f64) -> f64 {
+        self.coefficients[1] + 2.0 * u * self.coefficients[2]
+    }
+
+    fn terms(&self, u: f64, place_m: [f64; 3]) -> [f64; TERMS] {
+        let part: [f64; 3] =
+            std::array::from_fn(|k| (place_m[k] - self.middle_m[k]) / self.radius_m);
+        let r2 = part.iter().map(|p| p * p).sum::<f64>().min(1.0);
+        [1.0, u, u * u, r2, r2 * r2, part[0], part[1]]
+    }
+
+    /// Fits a choice of terms, and keeps it where leave-one-out errs less.
+    fn attempt(&mut self, samples: &[ForceSample], terms: &[usize]) -> Result<(), InverseError> {
+        let size = terms.len();
+        let rows: Vec<Vec<f64>> = samples
+            .iter()
+            .map(|s| {
+                let all = self.terms(s.strength.ln() - self.middle_ln, s.place_m);
+                terms.iter().map(|&t| all[t]).collect()
+            })
+            .collect();
+        let rest: Vec<f64> = samples
+            .iter()
+            .zip(&rows)
+            .map(|(s, row)| {
+                let prior: f64 = row.iter().zip(terms).map(|(v, &t)| v * PRIOR_MEAN[t]).sum();
+                s.force_n.ln() - prior
+            })
+            .collect();
+        let gram = Mat::from_fn(size, size, |i, j| {
+            let ridge = if i == j { (PRIOR_ERROR / PRIOR_STD[terms[i]]).powi(2) } else { 0.0 };
+            rows.iter().map(|row| row[i] * row[j]).sum::<f64>() + ridge
+        });
+        let factor = gram.llt(Side::Lower);
+        let factor = factor.map_err(|_| InverseError::Factorisation { what: "forces", size })?;
+        let inverse = factor.solve(Mat::<f64>::identity(size, size));
+        let right: Vec<f64> =
+            (0..size).map(|i| rows.iter().zip(&rest).map(|(row, y)| row[i] * y).sum()).collect();
+        let solution: Vec<f64> =
+            (0..size).map(|i| (0..size).map(|j| inverse[(i, j)] * right[j]).sum()).collect();
+        let left_out = rows.iter().zip(&rest).map(|(row, y)| {
+            let value: f64 = row.iter().zip(&solution).map(|(v, c)| v * c).sum();
+            let own: f64 = (0..size)
+                .map(|i| (0..size).map(|j| row[i] * inverse[(i, j)] * row[j]).sum::<f64>())
+                .sum();
+            ((y - value) / (1.0 - own).max(1e-3)).powi(2)
+        });
+        let error_ln = (left_out.sum::<f64>() / samples.len() as f64).sqrt();
+        let mut made = Self { coefficients: [0.0; TERMS], error_ln, ..self.clone() };
+        made.covariance.fill(0.0);
+        for (i, &t) in terms.iter().enumerate() {
+            made.coefficients[t] = PRIOR_MEAN[t] + solution[i];
+            for (j, &s) in terms.iter().enumerate() {
+                made.covariance[t * TERMS + s] = error_ln * error_ln * inverse[(i, j)];
+            }
+        }
+        let is_monotone = made.range_ln.iter().all(|u| made.slope(*u) >= LEAST_SLOPE);
+        // a further term must bring something
+        let is_better = error_ln < 0.95 * self.error_ln;
+        if is_better && (is_monotone || !self.error_ln.is_finite()) {
+            if !is_monotone {
+                (made.coefficients[1], made.coefficients[2]) = (LEAST_SLOPE, 0.0);
+            }
+            *self = made;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,238 @@
+//! Where a touch is by a [`ResponseMap`], and how strong it is.
+
+use super::response_map::ResponseMap;
+use crate::InverseError;
+use crate::check::check_length;
+use crate::geometry::distance_m;
+
+/// A located touch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Located {
+    /// Mean of the posterior, metres.
+    pub position_m: [f64; 3],
+    /// Its covariance, square metres.
+    pub covariance_m2: [[f64; 3]; 3],
+    /// Length of the learnt response in the frame, in the frame's unit.
+    pub amplitude: f64,
+    /// The amplitude as a strength on the physical model, S m^2, for responses of one volt; without sign.
+    pub strength_s_m2: f64,
+    /// Part of the frame that a touch at the best place leaves unexplained, 0 to 1.
+    pub rest: f64,
+    /// Whether the frame is unlike every press that was learnt: it leaves more than they and the noise do.
+    pub is_unlike: bool,
+}
+
+/// Mean and covariance of a place.
+pub(super) struct Posterior {
+    pub mean_m: [f64; 3],
+    pub covariance_m2: [[f64; 3]; 3],
+}
+
+/// Turns misfits (twice the negative logarithm of the likelihood) into weights of sum 1, and their moments.
+pub(super) fn posterior_of_misfits(misfits: &mut [f64], candidates_m: &[[f64; 3]]) -> Posterior {
+    let least = misfits.iter().copied().fold(f64::INFINITY, f64::min);
+    let mut sum = 0.0;
+    for misfit in misfits.iter_mut() {
+        *misfit = (-0.5 * (*misfit - least)).exp();
+        sum += *misfit;
+    }
+    let mut mean_m = [0.0; 3];
+    for (weight, place) in misfits.iter_mut().zip(candidates_m) {
+        *weight /= sum;
+        (0..3).for_each(|k| mean_m[k] += *weight * place[k]);
+    }
+    let mut covariance_m2 = [[0.0; 3]; 3];
+    for (weight, place) in misfits.iter().zip(candidates_m) {
+        let way: [f64; 3] = std::array::from_fn(|k| place[k] - mean_m[k]);
+        for (i, row) in covariance_m2.iter_mut().enumerate() {
+            (0..3).for_each(|j| row[j] += weight * way[i] * way[j]);
+        }
+    }
+    Posterior { mean_m, covariance_m2 }
+}
+
+/// Locates touches frame by frame; allocates nothing once made.
+#[derive(Debug, Clone)]
+pub struct Locator {
+    map: ResponseMap,
+    /// Responses over the standard deviations of the channels, `[candidate][channel]`.
+    whitened: Vec<f64>,
+    /// Squared lengths of these over the present channels.
+    squares: Vec<f64>,
+    /// Reciprocal standard deviations of the channels.
+    scales: Vec<f64>,
+    /// Square of the distance of neighbouring candidates, square metres.
+    cell_m2: f64,
+    is_missing: Vec<bool>,
+    frame: Vec<f64>,
+    weights: Vec<f64>,
+    /// Noise of a frame on the channels' scale: sum of variances.
+    noise: f64,
+}
+
+impl Locator {
+    /// For frames whose channels have noise of these standard deviations, in the frame's unit.
+    ///
+    /// # Errors
+    /// A wrong length.
+    pub fn new(map: ResponseMap, noise_std: &[f64]) -> Result<Self, InverseError> {
+        let channels = map.responses.ncols();
+        check_length("noise of the channels", noise_std.len(), channels)?;
+        let scales: Vec<f64> = map.channel_variance.iter().map(|v| v.sqrt().recip()).collect();
+        let rows = map.responses.rows();
+        let whitened: Vec<f64> = rows
+            .into_iter()
+            .flat_map(|row| row.iter().zip(&scales).map(|(r, s)| r * s).collect::<Vec<_>>())
+            .collect();
+        let squares = whitened.chunks_exact(channels.max(1)).map(|row| dot(row, row)).collect();
+        let noise = noise_std.iter().zip(&scales).map(|(e, s)| (e * s).powi(2)).sum();
+        Ok(Self {
+            cell_m2: cell_m2(&map.candidates_m),
+            is_missing: vec![false; channels],
+            frame: vec![0.0; channels],
+            weights: vec![0.0; map.candidates_m.len()],
+            whitened,
+            squares,
+            scales,
+            noise,
+            map,
+        })
+    }
+
+    /// The map.
+    pub fn map(&self) -> &ResponseMap {
+        &self.map
+    }
+
+    /// Which channels are not to be used from the next frame on.
+    pub fn set_missing(&mut self, is_missing: impl Fn(usize) -> bool) {
+        let mut changed = false;
+        for (i, missing) in self.is_missing.iter_mut().enumerate() {
+            changed |= *missing != is_missing(i);
+            *missing = is_missing(i);
+        }
+        if !changed {
+            return;
+        }
+        let channels = self.is_missing.len();
+        for (square, row) in self.squares.iter_mut().zip(self.whitened.chunks_exact(channels)) {
+            let present = row.iter().zip(&self.is_missing).filter(|(_, missing)| !**missing);
+            *square = present.map(|(r, _)| r * r).sum();
+        }
+    }
+
+    /// The touch in a frame of differences, `[channel]`; within a distance of a place where `near` says so.
+    /// `others` is the length of what other touches have done to the frame before they were subtracted: their
+    /// map errs, too.
+    ///
+    /// `None` for a frame that no touch explains.
+    pub fn locate(
+        &mut self,
+        difference: &[f64],
+        near: Option<([f64; 3], f64)>,
+        others: f64,
+    ) -> Option<Located> {
+        let whole = self.take(difference)?;
+        let channels = self.frame.len();
+        // a frame of length 1 has the map's variances; noise and other touches add theirs
+        let length2: f64 = self.present(difference).map(|v| v * v).sum();
+        let room = (self.noise / channels as f64 + others * others * self.map.settings.noise)
+            / length2.max(f64::MIN_POSITIVE);
+        let scale = self.map.settings.independent_channels / channels as f64;
+        let unit = length2.max(f64::MIN_POSITIVE).recip();
+        let (mut best, mut most) = (None, 0.0);
+        for (c, row) in self.whitened.chunks_exact(channels).enumerate() {
+            let product = dot(row, &self.frame).max(0.0);
+            let explained = product * product / self.squares[c].max(f64::MIN_POSITIVE);
+            let variance = self.map.variance[c] + room;
+            let rest = (whole - explained).max(0.0) * unit;
+            self.weights[c] = scale * (rest / variance + channels as f64 * variance.ln());
+            if near.is_some_and(|(place, m)| distance_m(place, self.map.candidates_m[c]) > m) {
+                self.weights[c] = f64::INFINITY;
+            } else if explained > most {
+                (best, most) = (Some(c), explained);
+            }
+        }
+        best?;
+        Some(self.report(whole, most))
+    }
+
+    /// What a located touch did to the channels, added to `out` times `factor`: the response averaged over the
+    /// posterior of the last [`locate`](Self::locate).
+    pub fn add_response(&self, factor: f64, out: &mut [f64]) {
+        let weights = self.weights.iter().zip(self.map.responses.rows());
+        for (weight, row) in weights.filter(|(weight, _)| **weight > 1e-3) {
+            out.iter_mut().zip(row).for_each(|(out, r)| *out += factor * weight * r);
+        }
+    }
+
+    /// Whitens the channels that are present; their squared length, `None` where it is zero.
+    fn take(&mut self, difference: &[f64]) -> Option<f64> {
+        for (i, value) in self.frame.iter_mut().enumerate() {
+            *value = if self.is_missing[i] { 0.0 } else { difference[i] * self.scales[i] };
+        }
+        let whole = dot(&self.frame, &self.frame);
+        (whole > 0.0 && whole.is_finite()).then_some(whole)
+    }
+
+    fn present<'a>(&'a self, difference: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
+        let values = difference.iter().zip(&self.is_missing);
+        values.filter(|(_, missing)| !**missing).map(|(v, _)| *v)
+    }
+
+    fn report(&mut self, whole: f64, most: f64) -> Located {
+        let map = &self.map;
+        let found = posterior_of_misfits(&mut self.weights, &map.candidates_m);
+        let channels = self.frame.len();
+        let (mut amplitude, mut strength, mut sum) = (0.0, 0.0, 0.0);
+        let rows = self.whitened.chunks_exact(channels);
+        for (c, (weight, row)) in self.weights.iter().zip(rows).enumerate() {
+            if *weight > 1e-3 {
+                let fitted =
+                    dot(row, &self.frame).max(0.0) / self.squares[c].max(f64::MIN_POSITIVE);
+                amplitude += weight * fitted;
+                strength += weight * fitted * map.strength_s_m2[c];
+                sum += weight;
+            }
+        }
+        let mut covariance_m2 = found.covariance_m2;
+        covariance_m2.iter_mut().flatten().for_each(|v| *v *= map.covariance_factor);
+        // a place between candidates
+        (0..3).for_each(|k| {
+            if found.covariance_m2[k][k] > 0.0 {
+                covariance_m2[k][k] += self.cell_m2 / 12.0;
+            }
+        });
+        Located {
+            position_m: found.mean_m,
+            covariance_m2,
+            amplitude: amplitude / sum,
+            strength_s_m2: strength / sum,
+            rest: 1.0 - (most / whole).min(1.0),
+            is_unlike: whole - most > map.rest_limit * whole + 2.0 * self.noise,
+        }
+    }
+}
+
+/// Mean squared distance of candidates to their nearest neighbours.
+fn cell_m2(candidates_m: &[[f64; 3]]) -> f64 {
+    let nearest = |i: usize| {
+        let others = candidates_m.iter().enumerate().filter(|(j, _)| *j != i);
+        others.map(|(_, p)| distance_m(*p, candidates_m[i]).powi(2)).fold(f64::INFINITY, f64::min)
+    };
+    let sum: f64 = (0..candidates_m.len()).map(nearest).sum();
+    sum / candidates_m.len().max(1) as f64
+}
+
+/// In eight lanes, which the compiler keeps in registers.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; 8];
+    let (mut pa, mut pb) = (a.chunks_exact(8), b.chunks_exact(8));
+    for (x, y) in (&mut pa).zip(&mut pb) {
+        for (lane, (x, y)) in lanes.iter_mut().zip(x.iter().zip(y)) {
+            *lane += x * y;
+        }
+    }
+    let rest: f64 = pa.remainder().iter().zip(pb.remainder()).map(|(x, y)| x * y).sum();
+    lanes.iter().sum::<f64>() + rest
+}

@@ -1,0 +1,137 @@
+//! What is learnt from: frames of presses, and what the physical model says of the same places.
+
+use crate::InverseError;
+use crate::check::{check_length, check_positive};
+use crate::touch::{Places, bell_at};
+use eit_mesh::Surface;
+use ndarray::{Array2, ArrayRef2, Axis};
+
+/// Frames of presses at known places.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Presses {
+    /// Pressed less untouched, `[press, channel]`, any unit.
+    pub frames: Array2<f64>,
+    /// Where, on the model's skin, metres.
+    pub places_m: Vec<[f64; 3]>,
+}
+
+impl Presses {
+    /// Refuses frames that are not finite or all zero, other numbers of places, and too few.
+    ///
+    /// # Errors
+    /// [`InverseError`] with the press and the value.
+    pub fn validate(&self, least: usize) -> Result<(), InverseError> {
+        check_length("places of presses", self.places_m.len(), self.frames.nrows())?;
+        if self.frames.nrows() < least {
+            let found = self.frames.nrows();
+            return Err(InverseError::TooFewPresses { found, needed: least });
+        }
+        for (press, frame) in self.frames.rows().into_iter().enumerate() {
+            if let Some(measurement) = frame.iter().position(|v| !v.is_finite()) {
+                let value = frame[measurement];
+                return Err(InverseError::NonFiniteData { frame: press, measurement, value });
+            }
+            if frame.iter().all(|v| *v == 0.0) {
+                return Err(InverseError::EmptyPress { press });
+            }
+            let place_m = self.places_m[press];
+            if !place_m.iter().all(|x| x.is_finite()) {
+                return Err(InverseError::NonFinitePlace { press, place_m });
+            }
+        }
+        Ok(())
+    }
+
+    /// The presses of these numbers.
+    pub fn select(&self, which: &[usize]) -> Self {
+        Self {
+            frames: self.frames.select(Axis(0), which),
+            places_m: which.iter().map(|&k| self.places_m[k]).collect(),
+        }
+    }
+}
+
+/// The physical model's part: what a touch of strength 1 S m^2 does to the channels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelResponses {
+    /// Places at which touches are sought, metres.
+    pub candidates_m: Vec<[f64; 3]>,
+    /// `[candidate, channel]`.
+    pub at_candidates: Array2<f64>,
+    /// `[press, channel]`.
+    pub at_presses: Array2<f64>,
+}
+
+impl ModelResponses {
+    /// Refuses lengths that do not fit the presses, and values that are not finite.
+    pub(super) fn validate(&self, presses: &Presses) -> Result<(), InverseError> {
+        check_length("model responses", self.at_candidates.nrows(), self.candidates_m.len())?;
+        check_length(
+            "model responses at presses",
+            self.at_presses.nrows(),
+            presses.frames.nrows(),
+        )?;
+        for responses in [&self.at_candidates, &self.at_presses] {
+            check_length("channels of the model", responses.ncols(), presses.frames.ncols())?;
+            if let Some(((element, measurement), &value)) =
+                responses.indexed_iter().find(|(_, v)| !v.is_finite())
+            {
+                return Err(InverseError::NonFiniteJacobian { measurement, element, value });
+            }
+        }
+        if self.candidates_m.len() < 2 {
+            return Err(InverseError::OutOfRange {
+                quantity: "candidate places",
+                value: self.candidates_m.len() as f64,
+                must: "at least 2",
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Places on a skin, about `count` of them, evenly spread.
+pub fn candidates(surface: &Surface, count: usize) -> Vec<[f64; 3]> {
+    let area_m2: f64 = surface.areas_m2().iter().sum();
+    let spacing_m = (area_m2 / count.max(1) as f64).sqrt();
+    Places::new(surface, spacing_m).at.iter().map(|place| place.position_m).collect()
+}
+
+/// What a bell of 1 S m^2 at each place does to the measurements of a linearised model, volts:
+/// `[place, measurement]`. The bell is that of [`TouchDetector`](crate::touch::TouchDetector).
+///
+/// # Errors
+/// A Jacobian of another surface; a radius that is not above zero; a place without skin near it.
+pub fn bell_responses(
+    surface: &Surface,
+    jacobian: &ArrayRef2<f64>,
+    places_m: &[[f64; 3]],
+    radius_m: f64,
+) -> Result<Array2<f64>, InverseError> {
+    check_positive("radius_m", radius_m)?;
+    check_length("Jacobian columns", jacobian.ncols(), surface.triangles().len())?;
+    let (centroids, areas) = (surface.centroids(), surface.areas_m2());
+    let mut bells = Array2::zeros((places_m.len(), centroids.len()));
+    for (place, (&centre, mut row)) in places_m.iter().zip(bells.rows_mut()).enumerate() {
+        let mut whole = 0.0;
+        for ((value, centroid), area) in row.iter_mut().zip(&centroids).zip(areas) {
+            *value = bell_at(centroid, centre, radius_m);
+            whole += area * *value;
+        }
+        // outside the skin by more than a bell: the tail alone is no touch
+        if whole < 1e-3 * radius_m * radius_m {
+            return Err(InverseError::OutsideSkin {
+                touch: place,
+                position_m: centre,
+                distance_m: nearest_m(&centroids, centre),
+                limit_m: radius_m,
+            });
+        }
+        row /= whole;
+    }
+    Ok(bells.dot(&jacobian.t()))
+}
+
+fn nearest_m(points: &[[f64; 3]], place_m: [f64; 3]) -> f64 {
+    points.iter().map(|p| crate::geometry::distance_m(*p, place_m)).fold(f64::INFINITY, f64::min)
+}

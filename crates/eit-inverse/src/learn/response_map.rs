@@ -1,0 +1,283 @@
+//! What a press at each place does to the channels: the model's response times a gain for each channel, plus
+//! a Gaussian process over the skin.
+//!
+//! ```text
+//! t_i = x_i / |x_i|                                              frames of presses, length 1
+//! a_i t_i = g * m(p_i) + f(p_i) + e_i                            m: model's response, length 1; *: by channel
+//! cov f_c(p), f_c(q) = s_c exp(-|p - q|^2 / 2 l^2),  var e = s_c noise
+//! ```
+//!
+//! Gains `g` are a ridge regression toward the common gain; the amplitudes `a_i` (how far a frame's length
+//! says less of it than its shape) and the variances `s_c` of the channels follow from the residual. All
+//! channels share one kernel, so that one factorisation of `[press, press]` serves all.
+//!
+//! Source: Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), sections 2.2 and 2.7 (a
+//! process with an explicit mean).
+
+use super::presses::{ModelResponses, Presses};
+use crate::InverseError;
+use crate::check::check_positive;
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use ndarray::{Array1, Array2, Axis};
+
+/// Least variance of a channel, as a part of the mean: a channel that seems exact is one of luck.
+const LEAST_VARIANCE: f64 = 1e-3;
+
+/// How often amplitudes are fitted anew, and their range.
+const AMPLITUDE_STEPS: usize = 2;
+const AMPLITUDES: [f64; 2] = [0.3, 3.0];
+
+/// Parameters of a [`ResponseMap`]; [`ResponseMap::learn`] chooses them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ResponseMapSettings {
+    /// Length over which what the model gets wrong changes, metres.
+    pub length_m: f64,
+    /// Variance of a press, as a part of the channel's.
+    pub noise: f64,
+    /// Pull of each channel's gain toward the common one, relative to what the presses tell of it; `None`:
+    /// the model is left out, and everything is learnt.
+    pub gain_pull: Option<f64>,
+    /// Channels that err independently of each other: what the logarithm of the likelihood is scaled to.
+    pub independent_channels: f64,
+}
+
+impl ResponseMapSettings {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// [`InverseError::OutOfRange`].
+    pub fn validate(&self) -> Result<(), InverseError> {
+        check_positive("length_m", self.length_m)?;
+        check_positive("noise", self.noise)?;
+        check_positive("gain_pull", self.gain_pull.unwrap_or(1.0))?;
+        check_positive("independent_channels", self.independent_channels)
+    }
+}
+
+/// Responses of the channels to a press at each candidate place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResponseMap {
+    /// Parameters.
+    pub settings: ResponseMapSettings,
+    /// Candidate places, metres.
+    pub candidates_m: Vec<[f64; 3]>,
+    /// `[candidate, channel]`, about of length 1.
+    pub responses: Array2<f64>,
+    /// Variance of a frame of length 1 at each candidate, relative to the channel's.
+    pub variance: Vec<f64>,
+    /// Variance of each channel.
+    pub channel_variance: Vec<f64>,
+    /// Strength of a touch whose response has length 1, S m^2, at each candidate.
+    pub strength_s_m2: Vec<f64>,
+    /// What the covariance of a place is multiplied by, from cross-validation.
+    pub covariance_factor: f64,
+    /// Part of a frame that a press may leave unexplained; beyond it is unlike all that were learnt.
+    pub rest_limit: f64,
+}
+
+/// Kernel between presses and candidates: all that does not depend on frames.
+pub(super) struct Geometry {
+    /// `(K + noise I)^-1`, `[press, press]`.
+    inverse: Array2<f64>,
+    between_presses: Array2<f64>,
+    /// `[candidate, press]`.
+    to_candidates: Array2<f64>,
+    variance: Vec<f64>,
+}
+
+impl Geometry {
+    pub(super) fn new(
+        places_m: &[[f64; 3]],
+        candidates_m: &[[f64; 3]],
+        length_m: f64,
+        noise: f64,
+    ) -> Result<Self, InverseError> {
+        let count = places_m.len();
+        let kernel = |p: &[f64; 3], q: &[f64; 3]| {
+            let squared: f64 = p.iter().zip(q).map(|(a, b)| (a - b).powi(2)).sum();
+            (-0.5 * squared / (length_m * length_m)).exp()
+        };
+        let between =
+            Array2::from_shape_fn((count, count), |(i, j)| kernel(&places_m[i], &places_m[j]));
+        let noisy = |i, j| between[[i, j]] + if i == j { noise } else { 0.0 };
+        let inverse = inverse(&Mat::from_fn(count, count, noisy))?;
+        let to_candidates = Array2::from_shape_fn((candidates_m.len(), count), |(i, j)| {
+            kernel(&candidates_m[i], &places_m[j])
+        });
+        let known = to_candidates.dot(&inverse);
+        let variance = known.rows().into_iter().zip(to_candidates.rows());
+        let variance = variance.map(|(a, b)| noise + (1.0 - a.dot(&b)).max(0.0)).collect();
+        Ok(Self { inverse, between_presses: between, to_candidates, variance })
+    }
+}
+
+/// Inverse of a covariance.
+pub(super) fn inverse(matrix: &Mat<f64>) -> Result<Array2<f64>, InverseError> {
+    let size = matrix.nrows();
+    let factor = matrix.llt(Side::Lower);
+    let factor =
+        factor.map_err(|_| InverseError::Factorisation { what: "kernel of presses", size })?;
+    let inverse = factor.solve(Mat::<f64>::identity(size, size));
+    Ok(Array2::from_shape_fn((size, size), |(i, j)| inverse[(i, j)]))
+}
+
+/// Rows of length 1; rows of zeros stay. And their lengths.
+pub(super) fn unit_rows(rows: &Array2<f64>) -> (Array2<f64>, Vec<f64>) {
+    let lengths: Vec<f64> = rows.rows().into_iter().map(|row| row.dot(&row).sqrt()).collect();
+    let mut unit = rows.clone();
+    for (mut row, length) in unit.rows_mut().into_iter().zip(&lengths) {
+        row /= length.max(f64::MIN_POSITIVE);
+    }
+    (unit, lengths)
+}
+
+/// Frames and model responses of length 1.
+pub(super) struct UnitData {
+    pub frames: Array2<f64>,
+    pub model_at_presses: Array2<f64>,
+    pub model_at_candidates: Array2<f64>,
+    /// Lengths of the model's responses at the candidates.
+    pub lengths: Vec<f64>,
+}
+
+impl UnitData {
+    pub(super) fn new(presses: &Presses, model: &ModelResponses) -> Self {
+        let (model_at_candidates, lengths) = unit_rows(&model.at_candidates);
+        Self {
+            frames: unit_rows(&presses.frames).0,
+            model_at_presses: unit_rows(&model.at_presses).0,
+            model_at_candidates,
+            lengths,
+        }
+    }
+
+    pub(super) fn select(&self, which: &[usize]) -> [Array2<f64>; 2] {
+        [&self.frames, &self.model_at_presses].map(|rows| rows.select(Axis(0), which))
+    }
+}
+
+/// Responses at the candidates and variances of the channels.
+pub(super) struct Responses {
+    pub at_candidates: Array2<f64>,
+    pub channel_variance: Array1<f64>,
+}
+
+/// Fits gains, process, amplitudes and variances to frames and model responses of length 1.
+pub(super) fn fit(
+    geometry: &Geometry,
+    frames: &Array2<f64>,
+    model: &Array2<f64>,
+    model_at_candidates: &Array2<f64>,
+    gain_pull: Option<f64>,
+) -> Responses {
+    let presses = frames.nrows();
+    let mut amplitudes = Array1::<f64>::ones(presses);
+    let mut step = 0;
+    loop {
+        let scaled = frames * &amplitudes.view().insert_axis(Axis(1));
+        let gains = gains(&scaled, model, gain_pull);
+        let residual = &scaled - &(model * &gains);
+        let weights = geometry.inverse.dot(&residual);
+        let mut variance = (&residual * &weights).sum_axis(Axis(0)) / presses as f64;
+        let mean = variance.mean().unwrap_or(0.0).max(f64::MIN_POSITIVE);
+        variance.mapv_inplace(|v| v.max(0.0) + LEAST_VARIANCE * mean);
+        if step == AMPLITUDE_STEPS {
+            let at_candidates = model_at_candidates * &gains + geometry.to_candidates.dot(&weights);
+            return Responses { at_candidates, channel_variance: variance };
+        }
+        step += 1;
+        let explained = model * &gains + geometry.between_presses.dot(&weights);
+        for (a, (frame, explained)) in
+            amplitudes.iter_mut().zip(frames.rows().into_iter().zip(explained.rows()))
+        {
+            let weighted = &frame / &variance;
+            *a = weighted.dot(&explained) / weighted.dot(&frame).max(f64::MIN_POSITIVE);
+            *a = a.clamp(AMPLITUDES[0], AMPLITUDES[1]);
+        }
+        let common = amplitudes.mapv(f64::ln).mean().unwrap_or(0.0).exp();
+        amplitudes /= common;
+    }
+}
+
+/// Gain of each channel, pulled toward the common one; zeros without the model.
+fn gains(frames: &Array2<f64>, model: &Array2<f64>, pull: Option<f64>) -> Array1<f64> {
+    let Some(pull) = pull else { return Array1::zeros(frames.ncols()) };
+    let products = (frames * model).sum_axis(Axis(0));
+    let squares = (model * model).sum_axis(Axis(0));
+    let common = products.sum() / squares.sum().max(f64::MIN_POSITIVE);
+    let ridge = (pull * squares.mean().unwrap_or(0.0)).max(f64::MIN_POSITIVE);
+    (products + ridge * common) / (squares + ridge)
+}
+
+impl ResponseMap {
+    /// With given parameters; the covariance is that of the likelihood, and nothing is unlike.
+    ///
+    /// # Errors
+    /// Presses or responses that cannot be learnt from.
+    pub fn with_settings(
+        presses: &Presses,
+        model: &ModelResponses,
+        settings: ResponseMapSettings,
+    ) -> Result<Self, InverseError> {
+        presses.validate(2)?;
+        model.validate(presses)?;
+        settings.validate()?;
+        let ResponseMapSettings { length_m, noise, gain_pull, .. } = settings;
+        let geometry = Geometry::new(&presses.places_m, &model.candidates_m, length_m, noise)?;
+        let data = UnitData::new(presses, model);
+        let Responses { at_candidates, channel_variance } = fit(
+            &geometry,
+            &data.frames,
+            &data.model_at_presses,
+            &data.model_at_candidates,
+            gain_pull,
+        );
+        let strength = |length: &f64| 1.0 / length.max(f64::MIN_POSITIVE);
+        Ok(Self {
+            settings,
+            candidates_m: model.candidates_m.clone(),
+            responses: at_candidates,
+            variance: geometry.variance,
+            channel_variance: channel_variance.to_vec(),
+            strength_s_m2: data.lengths.iter().map(strength).collect(),
+            covariance_factor: 1.0,
+            rest_limit: 1.0,
+        })
+    }
+}
+
+/// `ln` of the determinant's part and the misfit of frames of length 1 at the candidates, `[frame, candidate]`.
+pub(super) fn misfits(
+    geometry: &Geometry,
+    responses: &Responses,
+    frames: &Array2<f64>,
+) -> Array2<f64> {
+    let weights = responses.channel_variance.mapv(f64::recip);
+    let weighted = frames * &weights;
+    let products = weighted.dot(&responses.at_candidates.t());
+    let squares = (&responses.at_candidates * &responses.at_candidates).dot(&weights);
+    let wholes = (&weighted * frames).sum_axis(Axis(1));
+    let channels = frames.ncols() as f64;
+    Array2::from_shape_fn(products.dim(), |(i, c)| {
+        let (product, square) = (products[[i, c]].max(0.0), squares[c]);
+        let rest = (wholes[i] - product * product / square.max(f64::MIN_POSITIVE)).max(0.0);
+        rest / geometry.variance[c] + channels * geometry.variance[c].ln()
+    })
+}
+
+/// Unexplained part of frames at the best candidate.
+pub(super) fn rests(responses: &Responses, frames: &Array2<f64>) -> Vec<f64> {
+    let weights = responses.channel_variance.mapv(f64::recip);
+    let weighted = frames * &weights;
+    let products = weighted.dot(&responses.at_candidates.t());
+    let squares = (&responses.at_candidates * &responses.at_candidates).dot(&weights);
+    let wholes = (&weighted * frames).sum_axis(Axis(1));
+    let best = |i: usize| {
+        let explained = products.row(i).into_iter().zip(&squares);
+        explained.map(|(p, s)| p.max(0.0).powi(2) / s.max(f64::MIN_POSITIVE)).fold(0.0, f64::max)
+    };
+    (0..frames.nrows())
+        .map(|i| 1.0 - (best(i) / wholes[i].max(f64::MIN_POSITIVE)).min(1.0))
+        .collect()
+}

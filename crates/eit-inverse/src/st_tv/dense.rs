@@ -1,0 +1,134 @@
+//! Small dense matrices of data steps, by rows.
+
+use super::kernel::dot;
+use crate::InverseError;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::evd::{ComputeEigenvectors, self_adjoint_evd, self_adjoint_evd_scratch};
+use faer::{Col, Mat, Par, Spec};
+use pulp::{Simd, WithSimd};
+
+/// Inverse of a symmetric matrix whose eigenvalues are 1 or more, in place.
+pub(crate) struct Invert<'a> {
+    pub(crate) matrix: &'a mut [f64],
+    pub(crate) n: usize,
+}
+
+impl WithSimd for Invert<'_> {
+    type Output = ();
+
+    /// Gauss-Jordan without a search for pivots: with eigenvalues of 1 or more none is below 1.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { matrix, n } = self;
+        for k in 0..n {
+            let (before, rest) = matrix.split_at_mut(k * n);
+            let (row, after) = rest.split_at_mut(n);
+            let inverse = 1.0 / row[k];
+            row[k] = 1.0;
+            row.iter_mut().for_each(|v| *v *= inverse);
+            for other in before.chunks_exact_mut(n).chain(after.chunks_exact_mut(n)) {
+                let factor = other[k];
+                other[k] = 0.0;
+                for (o, r) in other.iter_mut().zip(row.iter()) {
+                    *o = (-factor).mul_add(*r, *o);
+                }
+            }
+        }
+    }
+}
+
+/// `F' G F` by rows of `F'`.
+pub(crate) struct Congruent<'a> {
+    pub(crate) f: &'a [f64],
+    pub(crate) gram: &'a [f64],
+    pub(crate) half: &'a mut [f64],
+    pub(crate) rank: usize,
+    pub(crate) rows: usize,
+    pub(crate) out: &'a mut [f64],
+}
+
+impl WithSimd for Congruent<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { f, gram, half, rank, rows, out } = self;
+        for (row, half) in f.chunks_exact(rank).zip(half.chunks_exact_mut(rank)).take(rows) {
+            for (half, gram) in half.iter_mut().zip(gram.chunks_exact(row.len())) {
+                *half = dot(gram, row);
+            }
+        }
+        for i in 0..rows {
+            for j in 0..=i {
+                let own = dot(&half[i * rank..][..rank], &f[j * rank..][..rank]);
+                out[i * rows + j] = own;
+                out[j * rows + i] = own;
+            }
+        }
+    }
+}
+
+/// Memory of the eigenvalues, which only a constrained data term needs.
+pub(crate) struct Eigen {
+    matrix: Mat<f64>,
+    vectors: Mat<f64>,
+    values: Col<f64>,
+    memory: MemBuffer,
+}
+
+impl std::fmt::Debug for Eigen {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Eigen").finish_non_exhaustive()
+    }
+}
+
+impl Eigen {
+    pub(crate) fn new(rank: usize) -> Self {
+        let yes = ComputeEigenvectors::Yes;
+        let scratch = self_adjoint_evd_scratch::<f64>(rank, yes, Par::Seq, Spec::default());
+        Self {
+            matrix: Mat::zeros(rank, rank),
+            vectors: Mat::zeros(rank, rank),
+            values: Col::zeros(rank),
+            memory: MemBuffer::new(scratch),
+        }
+    }
+
+    /// Eigenvalues and eigenvectors, by rows, of a symmetric matrix.
+    pub(crate) fn set(
+        &mut self,
+        matrix: &[f64],
+        n: usize,
+        values: &mut [f64],
+        vectors: &mut [f64],
+    ) -> Result<(), InverseError> {
+        // of fewer rows than ranks the rest is zero, with unit vectors of its own
+        self.matrix.fill(0.0);
+        for i in 0..n {
+            for j in 0..n {
+                self.matrix[(i, j)] = matrix[i * n + j];
+            }
+        }
+        let size = self.matrix.nrows();
+        let part = self.matrix.as_ref().get(..n, ..n);
+        self_adjoint_evd(
+            part,
+            self.values.as_mut().get_mut(..n).as_diagonal_mut(),
+            Some(self.vectors.as_mut().get_mut(..n, ..n)),
+            Par::Seq,
+            MemStack::new(&mut self.memory),
+            Spec::default(),
+        )
+        .map_err(|_| InverseError::Factorisation {
+            what: "eigenvalues of a constrained frame",
+            size,
+        })?;
+        for i in 0..n {
+            values[i] = self.values[i].max(0.0);
+            for j in 0..n {
+                vectors[i * n + j] = self.vectors[(j, i)];
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,309 @@
+//! The flow of a proof: with the force of the data fixed, duals of space and time that balance it.
+//!
+//! An iterate's duals balance the force of its data only nearly. With that force held, few cheap steps
+//! on the duals alone, without a product with the basis, bring them much nearer: FISTA (Beck,
+//! Teboulle, *SIAM J. Imaging Sci.* 2 (2009) 183) on
+//!
+//! ```text
+//! min  |e - p|^2 / 2,    e = f + D' q + D_t' q_t,    |q| and |q_t| within their balls times `larger`
+//! ```
+//!
+//! where `p` is what bounds take of the error: all of one sign where the image is at its bound, and
+//! where it is not, what exceeds a multiple of its distance.
+
+use super::float::Float;
+use super::kernel::{LANES, PANEL, add_row, add_scaled, lanes, row, row_mut, synthesise};
+use super::operators::{BLOCK, Operators};
+use super::state::{PAD, State};
+use super::sweep::differences;
+use pulp::{Arch, Simd, WithSimd};
+
+/// Duals of a proof in the making.
+#[derive(Debug)]
+pub(crate) struct Flow<T> {
+    stride: usize,
+    /// `V F y`.
+    pub(crate) coefficients: Vec<T>,
+    force: Vec<T>,
+    /// `e`, with [`PAD`] values after.
+    pub(crate) error: Vec<T>,
+    pub(crate) dual: Vec<T>,
+    ahead: Vec<T>,
+    /// With [`PAD`] zeros before.
+    pub(crate) time_dual: Vec<T>,
+    time_ahead: Vec<T>,
+    links: Vec<T>,
+    /// The image at hand; empty without bounds.
+    image: Vec<T>,
+}
+
+/// Radii and steps.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Boxes {
+    pub(crate) steps: usize,
+    pub(crate) lambda_space: f64,
+    pub(crate) lambda_time: f64,
+    pub(crate) bounds: Option<[f64; 2]>,
+    /// A force from a bound costs as much as the image is away from it, in units of the error.
+    pub(crate) per_image: f64,
+}
+
+impl Boxes {
+    /// Most that the error may be above zero where the image is `x`, and least below, before bounds
+    /// take it.
+    pub(crate) fn limits(&self, x: f64) -> [f64; 2] {
+        let Some([lower, upper]) = self.bounds else { return [f64::INFINITY, f64::NEG_INFINITY] };
+        let room = |distance: f64| if distance == 0.0 { 0.0 } else { self.per_image * distance };
+        [room(x - lower), room(x - upper)]
+    }
+}
+
+impl<T: Float> Flow<T> {
+    pub(crate) fn new(ops: &Operators<T>, state: &State<T>) -> Self {
+        let values = ops.unknowns.next_multiple_of(BLOCK) * state.stride;
+        let zeros = |count: usize| vec![T::default(); count];
+        Self {
+            stride: state.stride,
+            coefficients: zeros(ops.padded_rank * state.stride),
+            force: zeros(values),
+            error: zeros(values + PAD),
+            dual: zeros(state.dual.len()),
+            ahead: zeros(state.dual.len()),
+            time_dual: zeros(state.time_dual.len()),
+            time_ahead: zeros(state.time_dual.len()),
+            links: zeros(state.stride),
+            image: zeros(state.bound_dual.len()),
+        }
+    }
+
+    /// Takes the duals of an iterate, and seeks from there; `image` is the one within bounds.
+    pub(crate) fn seek(
+        &mut self,
+        arch: Arch,
+        ops: &Operators<T>,
+        state: &State<T>,
+        image: &[f64],
+        how: Boxes,
+    ) {
+        self.image.iter_mut().zip(image).for_each(|(to, x)| *to = T::from_f64(*x));
+        self.links.copy_from_slice(&state.links);
+        self.dual.copy_from_slice(&state.dual);
+        self.time_dual.copy_from_slice(&state.time_dual);
+        arch.dispatch(Seek { flow: self, ops, how });
+    }
+}
+
+struct Seek<'a, T> {
+    flow: &'a mut Flow<T>,
+    ops: &'a Operators<T>,
+    how: Boxes,
+}
+
+impl<T: Float> WithSimd for Seek<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) {
+        self.begin();
+        let mut t = 1.0_f64;
+        for _ in 0..self.how.steps {
+            let next = 0.5 * (1.0 + (1.0 + 4.0 * t * t).sqrt());
+            self.step(T::from_f64((t - 1.0) / next));
+            t = next;
+        }
+        let flow = &mut *self.flow;
+        std::mem::swap(&mut flow.ahead, &mut flow.dual);
+        std::mem::swap(&mut flow.time_ahead, &mut flow.time_dual);
+        // the error of the last duals, not of those ahead
+        for block in 0..self.ops.ready.len() {
+            self.pull(block, false);
+        }
+        let flow = &mut *self.flow;
+        std::mem::swap(&mut flow.ahead, &mut flow.dual);
+        std::mem::swap(&mut flow.time_ahead, &mut flow.time_dual);
+    }
+}
+
+impl<T: Float> Seek<'_, T> {
+    /// The force, and the duals moved into their balls.
+    #[inline(always)]
+    fn begin(&mut self) {
+        let Self { flow, ops, how } = self;
+        let stride = flow.stride;
+        let rank = ops.padded_rank;
+        flow.force.fill(T::default());
+        for block in 0..ops.ready.len() {
+            let own = &mut flow.force[block * BLOCK * stride..][..BLOCK * stride];
+            let basis = &ops.basis[block * BLOCK / PANEL * rank..][..BLOCK / PANEL * rank];
+            synthesise(basis, rank, 0..rank, &flow.coefficients, stride, own);
+        }
+        let space = T::from_f64(how.lambda_space);
+        for (index, rows) in flow.dual.chunks_exact_mut(ops.components * stride).enumerate() {
+            let radius = space * ops.radius[index];
+            let (first, second) = rows.split_at_mut(stride);
+            shrink_into(first, second, radius);
+        }
+        let time = T::from_f64(how.lambda_time);
+        if !flow.time_dual.is_empty() {
+            let rows = flow.time_dual[PAD..].chunks_exact_mut(stride).zip(&ops.time_radius);
+            for (row, radius) in rows {
+                for (q, link) in row.iter_mut().zip(&flow.links) {
+                    let limit = time * *radius * *link;
+                    *q = q.min(limit).max(T::default() - limit);
+                }
+            }
+        }
+        flow.ahead.copy_from_slice(&flow.dual);
+        flow.time_ahead.copy_from_slice(&flow.time_dual);
+    }
+
+    #[inline(always)]
+    fn step(&mut self, momentum: T) {
+        let (mut groups, ops) = (0, self.ops);
+        for (block, ready) in ops.ready.iter().enumerate() {
+            self.pull(block, true);
+            for group in groups..ready.groups {
+                if ops.components == 2 {
+                    self.pair(group, momentum);
+                } else {
+                    self.single(group, momentum);
+                }
+            }
+            if !self.flow.time_dual.is_empty() {
+                for p in block * BLOCK..((block + 1) * BLOCK).min(ops.unknowns) {
+                    self.time(p, momentum);
+                }
+            }
+            groups = ready.groups;
+        }
+    }
+
+    /// The error of the duals ahead on a block; with `soft` what bounds leave of it.
+    #[inline(always)]
+    fn pull(&mut self, block: usize, soft: bool) {
+        let Self { flow, ops, how } = self;
+        let stride = flow.stride;
+        let one = T::from_f64(1.0);
+        for p in block * BLOCK..((block + 1) * BLOCK).min(ops.unknowns) {
+            let at = p * stride;
+            let error = &mut flow.error[at..at + stride];
+            error.copy_from_slice(&flow.force[at..at + stride]);
+            for (r, value) in ops.divergence.row(p) {
+                add_scaled(value, &flow.ahead[r * stride..][..stride], error);
+            }
+            if !flow.time_ahead.is_empty() {
+                add_scaled(T::default() - one, &flow.time_ahead[PAD + at..][..stride], error);
+                add_scaled(one, &flow.time_ahead[PAD + at - 1..][..stride], error);
+            }
+            if let (Some(bounds), true) = (how.bounds, soft) {
+                let [lower, upper] = bounds.map(T::from_f64);
+                let (per_image, zero) = (T::from_f64(how.per_image), T::default());
+                let images = row(&flow.image, at, stride);
+                for (e, x) in error.as_chunks_mut::<LANES>().0.iter_mut().zip(images) {
+                    *e = lanes(|l| {
+                        let most = per_image * (x[l] - lower).max(zero);
+                        let least = per_image * (x[l] - upper).min(zero);
+                        e[l].min(most).max(least)
+                    });
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn pair(&mut self, index: usize, momentum: T) {
+        let Self { flow, ops, how } = self;
+        let stride = flow.stride;
+        let group = &ops.groups[index];
+        let radius = T::from_f64(how.lambda_space) * ops.radius[index];
+        let step = step_size(ops, &flow.time_dual);
+        let rows = group.unknowns.map(|p| row(&flow.error, p as usize * stride, stride));
+        let duals = &mut flow.dual[2 * index * stride..][..2 * stride];
+        let (a, b) = duals.split_at_mut(stride);
+        let duals = a.as_chunks_mut::<LANES>().0.iter_mut().zip(b.as_chunks_mut::<LANES>().0);
+        let aheads = &mut flow.ahead[2 * index * stride..][..2 * stride];
+        let (c, d) = aheads.split_at_mut(stride);
+        let aheads = c.as_chunks_mut::<LANES>().0.iter_mut().zip(d.as_chunks_mut::<LANES>().0);
+        for (k, ((a, b), (c, d))) in duals.zip(aheads).enumerate() {
+            let [da, db] = differences(group, [&rows[0][k], &rows[1][k], &rows[2][k]]);
+            let up_a = add_row(T::default() - step, &da, *c);
+            let up_b = add_row(T::default() - step, &db, *d);
+            let shrink: [T; LANES] = lanes(|l| {
+                let norm = up_a[l].mul_add(up_a[l], up_b[l] * up_b[l]).sqrt();
+                radius / norm.max(radius)
+            });
+            let new_a: [T; LANES] = lanes(|l| up_a[l] * shrink[l]);
+            let new_b: [T; LANES] = lanes(|l| up_b[l] * shrink[l]);
+            advance(a, c, new_a, momentum);
+            advance(b, d, new_b, momentum);
+        }
+    }
+
+    #[inline(always)]
+    fn single(&mut self, index: usize, momentum: T) {
+        let Self { flow, ops, how } = self;
+        let stride = flow.stride;
+        let group = &ops.groups[index];
+        let radius = T::from_f64(how.lambda_space) * ops.radius[index];
+        let step = step_size(ops, &flow.time_dual);
+        let rows = group.unknowns.map(|p| row(&flow.error, p as usize * stride, stride));
+        let duals = row_mut(&mut flow.dual, index * stride, stride);
+        let aheads = row_mut(&mut flow.ahead, index * stride, stride);
+        for (k, (q, ahead)) in duals.iter_mut().zip(aheads).enumerate() {
+            let [d, _] = differences(group, [&rows[0][k], &rows[1][k], &rows[2][k]]);
+            let up = add_row(T::default() - step, &d, *ahead);
+            let new: [T; LANES] = lanes(|l| up[l].min(radius).max(T::default() - radius));
+            advance(q, ahead, new, momentum);
+        }
+    }
+
+    #[inline(always)]
+    fn time(&mut self, unknown: usize, momentum: T) {
+        let Self { flow, ops, how } = self;
+        let stride = flow.stride;
+        let at = unknown * stride;
+        let here = row(&flow.error, at, stride);
+        let after = row(&flow.error, at + 1, stride);
+        let links = row(&flow.links, 0, stride);
+        let radius = T::from_f64(how.lambda_time) * ops.time_radius[unknown];
+        let step = step_size(ops, &flow.time_dual);
+        let duals = row_mut(&mut flow.time_dual, PAD + at, stride);
+        let aheads = row_mut(&mut flow.time_ahead, PAD + at, stride);
+        let rows = links.iter().zip(here.iter().zip(after));
+        for ((q, ahead), (links, (here, after))) in duals.iter_mut().zip(aheads).zip(rows) {
+            let new: [T; LANES] = lanes(|l| {
+                let limit = radius * links[l];
+                let up = (T::default() - step).mul_add(after[l] - here[l], ahead[l]);
+                up.min(limit).max(T::default() - limit)
+            });
+            advance(q, ahead, new, momentum);
+        }
+    }
+}
+
+/// The next dual, and where its momentum carries it.
+#[inline(always)]
+fn advance<T: Float>(q: &mut [T; LANES], ahead: &mut [T; LANES], new: [T; LANES], momentum: T) {
+    *ahead = lanes(|l| momentum.mul_add(new[l] - q[l], new[l]));
+    *q = new;
+}
+
+/// `1 / |[D; D_t]|^2`.
+#[inline(always)]
+fn step_size<T: Float>(ops: &Operators<T>, time_dual: &[T]) -> T {
+    let time = if time_dual.is_empty() { 0.0 } else { 4.0 };
+    T::from_f64(1.0 / (ops.norm_squared + time).max(1.0))
+}
+
+#[inline(always)]
+fn shrink_into<T: Float>(first: &mut [T], second: &mut [T], radius: T) {
+    if second.is_empty() {
+        first.iter_mut().for_each(|q| *q = q.min(radius).max(T::default() - radius));
+        return;
+    }
+    for (a, b) in first.iter_mut().zip(second) {
+        let norm = a.mul_add(*a, *b * *b).sqrt();
+        let factor = radius / norm.max(radius);
+        (*a, *b) = (*a * factor, *b * factor);
+    }
+}

@@ -1,0 +1,55 @@
+//! One page with the skin, its touches and images, for browsers: a small HTTP server that answers two
+//! paths, the page and its server-sent events.
+
+mod request;
+mod server;
+
+pub use server::WebServer;
+
+use eit_skin::ndarray::ArrayView2;
+use serde::Serialize;
+
+/// The page: no file besides it is loaded.
+const PAGE: &str = include_str!("web/page.html");
+
+/// What the page draws the skin from.
+#[derive(Debug, Clone, Serialize)]
+#[serde(tag = "type", rename = "skin")]
+pub struct SkinShape {
+    /// Name of the skin.
+    pub name: String,
+    /// Closed curves, metres: the outer one, then holes.
+    pub outlines_m: Vec<Vec<[f64; 2]>>,
+    /// Points of each electrode, metres, in the order of their numbers.
+    pub electrodes_m: Vec<Vec<[f64; 2]>>,
+    /// Borders of images: least x, largest x, least y, largest y, metres.
+    pub extent_m: [f64; 4],
+}
+
+/// An image for the page.
+#[derive(Serialize)]
+#[serde(tag = "type", rename = "image")]
+pub(crate) struct ImageEvent {
+    pub rows: usize,
+    pub columns: usize,
+    /// Change of conductivity at the ends of the colours, siemens.
+    pub range_s: f64,
+    /// A byte for each pixel, row by row from the top: 0 outside the skin, else 1 to 255, 128 for no change.
+    pub pixels: String,
+}
+
+impl ImageEvent {
+    pub fn new(image: ArrayView2<'_, f64>) -> Self {
+        use base64::Engine as _;
+        let finite = image.iter().filter(|value| value.is_finite());
+        let range_s = finite.fold(f64::MIN_POSITIVE, |most, value| most.max(value.abs()));
+        let byte = |&value: &f64| match value.is_finite() {
+            true => (128.0 + (127.0 * value / range_s).round()) as u8,
+            false => 0,
+        };
+        let bytes: Vec<u8> = image.iter().map(byte).collect();
+        let (rows, columns) = image.dim();
+        let pixels = base64::engine::general_purpose::STANDARD.encode(bytes);
+        Self { rows, columns, range_s, pixels }
+    }
+}

@@ -1,0 +1,178 @@
+//! The live page as a browser gets it.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+use eit_publish::{Publisher, SCHEMA, SkinShape, WebServer};
+use eit_skin::TouchFrame;
+use eit_skin::ndarray::array;
+use serde_json::{Value, json};
+use std::io::{BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+const LIMIT: Duration = Duration::from_secs(20);
+
+fn address(server: &WebServer) -> String {
+    let url = server.url();
+    url.trim_start_matches("http://").split('/').next().unwrap().to_owned()
+}
+
+fn ask(address: &str, request: &str) -> TcpStream {
+    let mut stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(LIMIT)).unwrap();
+    stream.write_all(request.as_bytes()).unwrap();
+    stream
+}
+
+/// The whole answer to a request.
+fn answer(address: &str, request: &str) -> String {
+    let mut text = String::new();
+    ask(address, request).read_to_string(&mut text).unwrap();
+    text
+}
+
+fn get(path: &str, host: &str) -> String {
+    format!("GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n")
+}
+
+fn shape() -> SkinShape {
+    SkinShape {
+        name: "arm".into(),
+        outlines_m: vec![vec![[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]]],
+        electrodes_m: vec![vec![[0.0, 0.0], [0.01, 0.0]]],
+        extent_m: [0.0, 0.1, 0.0, 0.1],
+    }
+}
+
+fn frame(sequence: u64) -> TouchFrame<'static> {
+    TouchFrame {
+        number: sequence,
+        sequence,
+        epoch: 0,
+        time_s: sequence as f64,
+        host_time_s: None,
+        touches: &[],
+        faults: &[],
+        whole: true,
+        latency_s: None,
+    }
+}
+
+/// The next event of a page, heartbeats aside.
+fn event(from: &mut impl std::io::BufRead) -> Value {
+    loop {
+        let mut line = String::new();
+        assert!(from.read_line(&mut line).unwrap() > 0, "the stream has ended");
+        if let Some(data) = line.strip_prefix("data: ") {
+            let event: Value = serde_json::from_str(data).unwrap();
+            if event["type"] != "still" {
+                return event;
+            }
+        }
+    }
+}
+
+#[test]
+fn the_page_needs_nothing_else_and_refuses_strangers() {
+    let server = WebServer::new("127.0.0.1:0").unwrap();
+    let address = address(&server);
+    let page = answer(&address, &get("/", &address));
+    assert!(
+        page.starts_with("HTTP/1.1 200 OK\r\n") && page.contains("default-src 'none'"),
+        "{page}"
+    );
+    let (head, body) = page.split_once("\r\n\r\n").unwrap();
+    assert!(head.ends_with(&format!("Content-Length: {}", body.len())), "{head}");
+    assert!(body.ends_with("</html>\n"));
+    for elsewhere in ["http:", "https:", "src=", "href=", "@import", "url("] {
+        assert!(!body.contains(elsewhere), "the page loads something: {elsewhere}");
+    }
+    for (request, status) in [
+        (get("/", "evil.example"), "403"),
+        (get("/events", "evil.example"), "403"),
+        (get("/../etc/passwd", "localhost"), "404"),
+        ("POST / HTTP/1.1\r\nHost: localhost\r\n\r\n".to_owned(), "405"),
+        ("nonsense\r\n\r\n".to_owned(), "400"),
+    ] {
+        let said = answer(&address, &request);
+        assert!(said.starts_with(&format!("HTTP/1.1 {status} ")), "{request:?}: {said}");
+    }
+}
+
+#[test]
+fn beyond_loopback_a_token_is_asked_for() {
+    let server = WebServer::new("0.0.0.0:0").unwrap();
+    let url = server.url();
+    let token = url.split_once("?token=").unwrap().1;
+    assert_eq!(token.len(), 32);
+    let other = WebServer::new("0.0.0.0:0").unwrap().url();
+    assert_ne!(other.split_once("?token=").unwrap().1, token);
+    let local = address(&server).replace("0.0.0.0", "127.0.0.1");
+    assert!(answer(&local, &get("/", "robot")).starts_with("HTTP/1.1 403 "));
+    assert!(answer(&local, &get("/events", "robot")).starts_with("HTTP/1.1 403 "));
+    let with = format!("/?token={token}");
+    assert!(answer(&local, &get(&with, "robot")).starts_with("HTTP/1.1 200 "));
+}
+
+#[test]
+fn a_page_hears_of_the_skin_its_frames_and_images() {
+    let server = WebServer::new("127.0.0.1:0").unwrap();
+    let address = address(&server);
+    server.skin(&shape()).unwrap();
+    let mut publisher = Publisher::new().with_web(server);
+    assert!(!publisher.wants_image(), "nobody looks");
+    let mut events = BufReader::new(ask(&address, &get("/events", &address)));
+    let skin = event(&mut events);
+    assert_eq!((&skin["type"], &skin["electrodes_m"][0][1][0]), (&"skin".into(), &json!(0.01)));
+    publisher.touches(&frame(7)).unwrap();
+    let line = event(&mut events);
+    let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
+    assert!(schema.is_valid(&line) && line["sequence"] == 7, "{line}");
+    // frames that follow at once are more than an eye sees; events are not left out
+    (0..100).for_each(|sequence| publisher.touches(&frame(sequence)).unwrap());
+    publisher.waiting(9).unwrap();
+    let next = loop {
+        let next = event(&mut events);
+        if next["type"] == "event" {
+            break next;
+        }
+        assert!(schema.is_valid(&next), "{next}");
+    };
+    assert_eq!(next["event"], "reference_started");
+    assert!(publisher.wants_image());
+    publisher.image(array![[f64::NAN, 2e-6], [-1e-6, 0.0]].view()).unwrap();
+    let image = event(&mut events);
+    let wanted =
+        json!({ "type": "image", "rows": 2, "columns": 2, "range_s": 2e-6, "pixels": "AP9AgA==" });
+    assert_eq!(image, wanted);
+    drop(publisher);
+    let mut rest = String::new();
+    events.read_to_string(&mut rest).unwrap();
+    assert_eq!(rest.trim(), "", "the end of the stream");
+}
+
+/// A browser that does not read, and many of them, hold nothing up.
+#[test]
+fn slow_browsers_miss_lines_and_too_many_are_refused() {
+    let server = WebServer::new("127.0.0.1:0").unwrap();
+    let address = address(&server);
+    let mut publisher = Publisher::new().with_web(server);
+    let idle: Vec<TcpStream> = (0..16).map(|_| ask(&address, &get("/events", &address))).collect();
+    let start = Instant::now();
+    while !answer_starts(&address, "HTTP/1.1 503 ") {
+        assert!(start.elapsed() < LIMIT, "a seventeenth browser");
+    }
+    let start = Instant::now();
+    // events are not thinned: 16 MB that nobody reads
+    (0..10_000).for_each(|_| {
+        publisher.waiting(0).unwrap();
+    });
+    assert!(start.elapsed() < LIMIT, "{:?}", start.elapsed());
+    drop(idle);
+}
+
+fn answer_starts(address: &str, wanted: &str) -> bool {
+    let mut start = vec![0; wanted.len()];
+    let mut stream = ask(address, &get("/events", address));
+    stream.read_exact(&mut start).unwrap();
+    start == wanted.as_bytes()
+}

@@ -1,0 +1,133 @@
+//! The learning curve: errors of the presses after the first ones, in the order of time.
+
+use super::{Frame, LearnedSkin, PlaceErrors, PlacesBy, PressFrames};
+use crate::error::SkinError;
+use crate::fitted::FittedFrames;
+use crate::progress::Progress;
+use eit_inverse::learn::{Locator, PlaceRegression};
+use std::time::Instant;
+
+/// Numbers of presses that are tried.
+const COUNTS: [usize; 7] = [5, 10, 25, 50, 100, 200, 400];
+
+/// Least presses that errors are stated of.
+const LEAST_TESTED: usize = 5;
+
+/// A point of the curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CurvePoint {
+    /// Presses that were learnt, the first in time.
+    pub learnt: usize,
+    /// Presses after them.
+    pub tested: usize,
+    /// What places were taken from.
+    pub places_by: PlacesBy,
+    /// Errors of places, metres of the table.
+    pub place: PlaceErrors,
+    /// Median and 90 % quantile of the error of the force, part of it.
+    pub force: Option<[f64; 2]>,
+    /// Seconds that learning took.
+    pub time_s: f64,
+}
+
+/// Learns from the first presses and tests on all after them.
+///
+/// # Errors
+///
+/// Those of [`LearnedSkin::learn`].
+pub fn learning_curve(
+    fitted: &FittedFrames,
+    pressed: &PressFrames,
+    frame: Frame,
+    progress: &mut Progress,
+) -> Result<Vec<CurvePoint>, SkinError> {
+    let counts: Vec<usize> =
+        COUNTS.into_iter().filter(|count| count + LEAST_TESTED <= pressed.len()).collect();
+    progress.steps("learning curve", counts.len(), |bar| {
+        counts
+            .iter()
+            .map(|&learnt| {
+                let made = point(fitted, pressed, frame, learnt);
+                bar.inc();
+                made
+            })
+            .collect()
+    })
+}
+
+fn point(
+    fitted: &FittedFrames,
+    pressed: &PressFrames,
+    frame: Frame,
+    learnt: usize,
+) -> Result<CurvePoint, SkinError> {
+    let first = pressed.select(&(0..learnt).collect::<Vec<_>>());
+    let rest = pressed.select(&(learnt..pressed.len()).collect::<Vec<_>>());
+    let start = Instant::now();
+    let learned = LearnedSkin::learn(fitted, &first, frame, None, &mut Progress::silent())?;
+    let time_s = start.elapsed().as_secs_f64();
+    let tested = test(&learned, fitted, &rest)?;
+    let force = (!tested.force_errors.is_empty()).then(|| {
+        let mut errors = tested.force_errors;
+        errors.sort_unstable_by(f64::total_cmp);
+        [0.5, 0.9].map(|part| errors[(part * (errors.len() - 1) as f64).round() as usize])
+    });
+    Ok(CurvePoint {
+        learnt,
+        tested: rest.len(),
+        places_by: learned.places_by,
+        place: PlaceErrors::of_errors(tested.errors_m),
+        force,
+        time_s,
+    })
+}
+
+/// Errors of single presses.
+struct Tested {
+    errors_m: Vec<f64>,
+    force_errors: Vec<f64>,
+}
+
+fn test(
+    learned: &LearnedSkin,
+    fitted: &FittedFrames,
+    pressed: &PressFrames,
+) -> Result<Tested, SkinError> {
+    let skin = &*fitted.skin;
+    let noise = vec![0.0; learned.channels.len()];
+    let mut locator = Locator::new(learned.response_map(skin)?, &noise)?;
+    let regression = PlaceRegression::with_settings(&learned.presses, learned.regression)?;
+    let by_model = learned.places_by == PlacesBy::Model
+        || learned.force.as_ref().is_some_and(|force| force.strength_by == PlacesBy::Model);
+    let detected = if by_model { pressed.detect(fitted)? } else { None };
+    let differences = pressed.differences(&learned.channels);
+    let (mut errors_m, mut force_errors) = (Vec::new(), Vec::new());
+    for (k, difference) in differences.rows().into_iter().enumerate() {
+        let difference = difference.to_vec();
+        let touch = detected.as_ref().and_then(|all| all[k]);
+        let located = locator.locate(&difference, None, 0.0);
+        let place = match learned.places_by {
+            PlacesBy::Model => touch.map(|touch| touch.position_m),
+            PlacesBy::Map => located.map(|located| located.position_m),
+            PlacesBy::Regression => Some(regression.place(&difference)?.position_m),
+        };
+        let error_m = match place {
+            Some(place) => {
+                super::presses::distance_m(learned.pose.to_table(place), pressed.places_m[k])
+            }
+            None => super::radius_m(skin) / learned.pose.scale,
+        };
+        errors_m.push(error_m);
+        let Some((force, known_n)) = learned.force.as_ref().zip(pressed.forces_n[k]) else {
+            continue;
+        };
+        let strength = match force.strength_by {
+            PlacesBy::Model => touch.map_or(0.0, |touch| touch.strength_s_m2.abs()),
+            PlacesBy::Map | PlacesBy::Regression => located.map_or(0.0, |l| l.strength_s_m2),
+        };
+        let place = place.unwrap_or(super::middle_m(skin));
+        let found = force.curve.force(strength, place, 0.0);
+        force_errors.push((found.force_n / known_n - 1.0).abs());
+    }
+    Ok(Tested { errors_m, force_errors })
+}

@@ -1,0 +1,247 @@
+//! The file of a learnt skin: a line that names format, version and checksum, then its content, as JSON.
+
+use super::{ErrorsByWay, LearnedForce, LearnedSkin, PlacesBy};
+use crate::error::SkinError;
+use eit_inverse::learn::{ForceCurve, PlaceRegressionSettings, Pose, Presses, ResponseMapSettings};
+use ndarray::Array2;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+const FORMAT: &str = "eit learned skin";
+/// Version that is written; others are refused.
+const VERSION: u32 = 1;
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header {
+    format: String,
+    version: u32,
+    crc32: String,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Content {
+    skin: String,
+    measurements: usize,
+    channels: Vec<usize>,
+    ratios: Vec<f64>,
+    bell_m: f64,
+    sign: f64,
+    pose: PoseRecord,
+    places_m: Vec<[f64; 3]>,
+    forces_n: Vec<Option<f64>>,
+    /// `[press][channel]`, volts.
+    frames: Vec<Vec<f64>>,
+    map: MapRecord,
+    regression: RegressionRecord,
+    places_by: PlacesBy,
+    errors: ErrorsByWay,
+    force: Option<ForceRecord>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PoseRecord {
+    turn_rad: f64,
+    is_mirrored: bool,
+    scale: f64,
+    shift_m: [f64; 2],
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MapRecord {
+    length_m: f64,
+    noise: f64,
+    gain_pull: Option<f64>,
+    independent_channels: f64,
+    covariance_factor: f64,
+    rest_limit: f64,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RegressionRecord {
+    is_standardised: bool,
+    width2: f64,
+    ridge: f64,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ForceRecord {
+    strength_by: PlacesBy,
+    coefficients: Vec<f64>,
+    covariance: Vec<f64>,
+    middle_m: [f64; 3],
+    radius_m: f64,
+    middle_ln: f64,
+    range_ln: [f64; 2],
+    error_ln: f64,
+    forces_n: [f64; 2],
+}
+
+impl LearnedSkin {
+    /// The bytes of a file.
+    ///
+    /// # Errors
+    ///
+    /// Numbers that are not finite.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, SkinError> {
+        let failed = |e: serde_json::Error| SkinError::Failure(format!("learnt skin: {e}"));
+        let content = serde_json::to_string(&self.content()).map_err(failed)?;
+        let crc32 = format!("{:08x}", crc32fast::hash(content.as_bytes()));
+        let header = Header { format: FORMAT.to_owned(), version: VERSION, crc32 };
+        let header = serde_json::to_string(&header).map_err(failed)?;
+        Ok(format!("{header}\n{content}\n").into_bytes())
+    }
+
+    /// Reads a file of [`LearnedSkin::to_bytes`].
+    ///
+    /// # Errors
+    ///
+    /// A file that cannot be read, is none of these, has another version or was damaged.
+    pub fn read(path: &Path) -> Result<Self, SkinError> {
+        let bytes = std::fs::read(path)
+            .map_err(|e| SkinError::input(format!("{}: {e}", path.display())))?;
+        Self::from_bytes(&bytes).map_err(|e| e.within(&path.display().to_string()))
+    }
+
+    /// The same from bytes.
+    ///
+    /// # Errors
+    ///
+    /// As [`LearnedSkin::read`].
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, SkinError> {
+        let none = || SkinError::input("no file of `eit learn`");
+        let text = std::str::from_utf8(bytes).map_err(|_| none())?;
+        let (header, content) = text.split_once('\n').ok_or_else(none)?;
+        let header: Header = serde_json::from_str(header).map_err(|_| none())?;
+        if header.format != FORMAT {
+            return Err(none());
+        }
+        if header.version != VERSION {
+            return Err(SkinError::input(format!(
+                "version {} of the format; this program reads version {VERSION}: learn anew",
+                header.version
+            )));
+        }
+        let content = content.strip_suffix('\n').unwrap_or(content);
+        let crc32 = format!("{:08x}", crc32fast::hash(content.as_bytes()));
+        if crc32 != header.crc32 {
+            return Err(SkinError::input(format!(
+                "damaged: its checksum is {crc32}, written was {}",
+                header.crc32
+            )));
+        }
+        let content: Content =
+            serde_json::from_str(content).map_err(|e| SkinError::input(format!("content: {e}")))?;
+        content.check()?;
+        content.learned()
+    }
+
+    fn content(&self) -> Content {
+        let ResponseMapSettings { length_m, noise, gain_pull, independent_channels } = self.map;
+        let PlaceRegressionSettings { is_standardised, width2, ridge } = self.regression;
+        let Pose { turn_rad, is_mirrored, scale, shift_m } = self.pose;
+        let (covariance_factor, rest_limit) = (self.covariance_factor, self.rest_limit);
+        Content {
+            skin: self.fingerprint.clone(),
+            measurements: self.measurements,
+            channels: self.channels.clone(),
+            ratios: self.ratios.clone(),
+            bell_m: self.bell_m,
+            sign: self.sign,
+            pose: PoseRecord { turn_rad, is_mirrored, scale, shift_m },
+            places_m: self.presses.places_m.clone(),
+            forces_n: self.forces_n.clone(),
+            frames: self.presses.frames.rows().into_iter().map(|row| row.to_vec()).collect(),
+            map: MapRecord {
+                length_m,
+                noise,
+                gain_pull,
+                independent_channels,
+                covariance_factor,
+                rest_limit,
+            },
+            regression: RegressionRecord { is_standardised, width2, ridge },
+            places_by: self.places_by,
+            errors: self.errors,
+            force: self.force.as_ref().map(|LearnedForce { strength_by, curve }| ForceRecord {
+                strength_by: *strength_by,
+                coefficients: curve.coefficients.to_vec(),
+                covariance: curve.covariance.clone(),
+                middle_m: curve.middle_m,
+                radius_m: curve.radius_m,
+                middle_ln: curve.middle_ln,
+                range_ln: curve.range_ln,
+                error_ln: curve.error_ln,
+                forces_n: curve.forces_n,
+            }),
+        }
+    }
+}
+
+impl Content {
+    /// Lengths and indices that a written file cannot have wrong, and one by hand can.
+    fn check(&self) -> Result<(), SkinError> {
+        let (presses, channels) = (self.places_m.len(), self.channels.len());
+        let terms = ForceCurve::TERMS;
+        let is_right = self.frames.len() == presses
+            && self.forces_n.len() == presses
+            && self.ratios.len() == channels
+            && self.frames.iter().all(|frame| frame.len() == channels)
+            && self.channels.iter().all(|&i| i < self.measurements)
+            && self.channels.windows(2).all(|pair| pair[0] < pair[1])
+            && self.force.as_ref().is_none_or(|force| {
+                force.coefficients.len() == terms && force.covariance.len() == terms * terms
+            });
+        if is_right { Ok(()) } else { Err(SkinError::input("content: lengths do not fit")) }
+    }
+
+    fn learned(self) -> Result<LearnedSkin, SkinError> {
+        let PoseRecord { turn_rad, is_mirrored, scale, shift_m } = self.pose;
+        let MapRecord { length_m, noise, gain_pull, independent_channels, .. } = self.map;
+        let RegressionRecord { is_standardised, width2, ridge } = self.regression;
+        let shape = (self.places_m.len(), self.channels.len());
+        let frames = Array2::from_shape_vec(shape, self.frames.concat())
+            .map_err(|e| SkinError::input(format!("content: {e}")))?;
+        let force = match self.force {
+            None => None,
+            Some(record) => {
+                let mut coefficients = [0.0; ForceCurve::TERMS];
+                coefficients.copy_from_slice(&record.coefficients);
+                let curve = ForceCurve {
+                    coefficients,
+                    covariance: record.covariance,
+                    middle_m: record.middle_m,
+                    radius_m: record.radius_m,
+                    middle_ln: record.middle_ln,
+                    range_ln: record.range_ln,
+                    error_ln: record.error_ln,
+                    forces_n: record.forces_n,
+                };
+                Some(LearnedForce { strength_by: record.strength_by, curve })
+            }
+        };
+        Ok(LearnedSkin {
+            fingerprint: self.skin,
+            measurements: self.measurements,
+            channels: self.channels,
+            ratios: self.ratios,
+            bell_m: self.bell_m,
+            sign: self.sign,
+            pose: Pose { turn_rad, is_mirrored, scale, shift_m },
+            presses: Presses { frames, places_m: self.places_m },
+            forces_n: self.forces_n,
+            map: ResponseMapSettings { length_m, noise, gain_pull, independent_channels },
+            covariance_factor: self.map.covariance_factor,
+            rest_limit: self.map.rest_limit,
+            regression: PlaceRegressionSettings { is_standardised, width2, ridge },
+            places_by: self.places_by,
+            errors: self.errors,
+            force,
+        })
+    }
+}

@@ -1,0 +1,188 @@
+//! Touches of a frame with places and forces by what was learnt.
+
+use super::{LearnedForce, LearnedSkin, PlacesBy};
+use crate::error::SkinError;
+use crate::linearised::LinearisedSkin;
+use eit_inverse::learn::{Located, Locator, PlaceRegression};
+use eit_inverse::touch::{DetectedTouch, LearntTouch};
+use std::path::Path;
+
+/// How often the touches of a frame are fitted one after the other.
+const SWEEPS: usize = 3;
+
+/// Touches at once at most, as of the detector.
+const MOST: usize = 16;
+
+/// Touches are sought within this part of the way to their nearest neighbour, ...
+const NEAR_PART: f64 = 0.5;
+/// ... but at least within this, metres.
+const NEAR_M: f64 = 0.015;
+
+/// Applies what was learnt to the touches of each frame.
+#[derive(Debug)]
+pub(crate) struct LearnedTouches {
+    locator: Locator,
+    regression: Option<PlaceRegression>,
+    places_by: PlacesBy,
+    force: Option<LearnedForce>,
+    channels: Vec<usize>,
+    /// Pressed less reference, `[channel]`.
+    difference: Vec<f64>,
+    /// The same less all other touches.
+    rest: Vec<f64>,
+    /// What each touch does to the channels, `[touch][channel]`.
+    responses: Vec<f64>,
+    located: Vec<Option<Located>>,
+    touches: Vec<DetectedTouch>,
+}
+
+impl LearnedTouches {
+    /// From the file of a scene, for frames of which these measurements count and have this noise, volts.
+    pub fn load(
+        file: &Path,
+        skin: &LinearisedSkin,
+        used: &[bool],
+        noise_std_v: &[f64],
+    ) -> Result<Self, SkinError> {
+        let learned = LearnedSkin::read(file)?;
+        let place = file.display().to_string();
+        learned.check(skin).map_err(|e| e.within(&place))?;
+        Self::new(&learned, skin, used, noise_std_v).map_err(|e| e.within(&place))
+    }
+
+    /// For frames of which these measurements count.
+    pub fn new(
+        learned: &LearnedSkin,
+        skin: &LinearisedSkin,
+        used: &[bool],
+        noise_std_v: &[f64],
+    ) -> Result<Self, SkinError> {
+        let channels = learned.channels.clone();
+        let noise: Vec<f64> = channels
+            .iter()
+            .map(|&i| if used[i] && noise_std_v[i].is_finite() { noise_std_v[i] } else { 0.0 })
+            .collect();
+        let count = channels.len();
+        let regression = match learned.places_by {
+            PlacesBy::Regression => {
+                Some(PlaceRegression::with_settings(&learned.presses, learned.regression)?)
+            }
+            PlacesBy::Model | PlacesBy::Map => None,
+        };
+        Ok(Self {
+            locator: Locator::new(learned.response_map(skin)?, &noise)?,
+            regression,
+            places_by: learned.places_by,
+            force: learned.force.clone(),
+            channels,
+            difference: vec![0.0; count],
+            rest: vec![0.0; count],
+            responses: vec![0.0; MOST * count],
+            located: Vec::with_capacity(MOST),
+            touches: Vec::with_capacity(MOST),
+        })
+    }
+
+    /// The touches that the model has found, with what was learnt of each. Allocates nothing once made, except
+    /// where regression places them.
+    pub fn refine(
+        &mut self,
+        values: &[f64],
+        reference: &[f64],
+        is_missing: impl Fn(usize) -> bool,
+        found: &[DetectedTouch],
+    ) -> &[DetectedTouch] {
+        self.touches.clear();
+        if found.is_empty() {
+            return &self.touches;
+        }
+        self.touches.extend(found.iter().take(MOST));
+        self.locator.set_missing(|k| is_missing(self.channels[k]));
+        for (difference, &i) in self.difference.iter_mut().zip(&self.channels) {
+            *difference = if is_missing(i) { 0.0 } else { values[i] - reference[i] };
+        }
+        self.sweep();
+        let alone = self.touches.len() == 1;
+        for k in 0..self.touches.len() {
+            let Some(located) = self.located[k] else { continue };
+            self.apply(k, &located, alone);
+        }
+        &self.touches
+    }
+
+    /// Locates each touch in what the others leave of the frame, the strongest first.
+    fn sweep(&mut self) {
+        let count = self.channels.len();
+        self.located.clear();
+        self.located.resize(self.touches.len(), None);
+        self.responses[..self.touches.len() * count].fill(0.0);
+        let sweeps = if self.touches.len() == 1 { 1 } else { SWEEPS };
+        for _ in 0..sweeps {
+            for k in 0..self.touches.len() {
+                self.rest.copy_from_slice(&self.difference);
+                let mut others = 0.0;
+                for (j, response) in self.responses.chunks_exact(count).enumerate() {
+                    if j != k && j < self.touches.len() {
+                        self.rest.iter_mut().zip(response).for_each(|(rest, r)| *rest -= r);
+                        others += response.iter().map(|r| r * r).sum::<f64>();
+                    }
+                }
+                let near = self.near(k);
+                let located = self.locator.locate(&self.rest, near, others.sqrt());
+                let own = &mut self.responses[k * count..(k + 1) * count];
+                own.fill(0.0);
+                if let Some(located) = located {
+                    self.locator.add_response(located.amplitude, own);
+                }
+                self.located[k] = located;
+            }
+        }
+    }
+
+    /// Where a touch is sought: everywhere where it is alone and places are not the model's.
+    fn near(&self, k: usize) -> Option<([f64; 3], f64)> {
+        let here = self.touches[k].position_m;
+        let others = self.touches.iter().enumerate().filter(|(j, _)| *j != k);
+        let nearest = others
+            .map(|(_, touch)| super::presses::distance_m(touch.position_m, here))
+            .fold(f64::INFINITY, f64::min);
+        if nearest.is_infinite() && self.places_by != PlacesBy::Model {
+            return None;
+        }
+        Some((here, (NEAR_PART * nearest).max(NEAR_M)))
+    }
+
+    fn apply(&mut self, k: usize, located: &Located, alone: bool) {
+        let touch = &mut self.touches[k];
+        if located.is_unlike {
+            touch.learnt = Some(LearntTouch { force_n: None, is_unlike: true });
+            return;
+        }
+        if self.places_by != PlacesBy::Model {
+            touch.position_m = located.position_m;
+            touch.position_covariance_m2 = located.covariance_m2;
+            if let Some(place) = self
+                .regression
+                .as_ref()
+                .filter(|_| alone)
+                .and_then(|regression| regression.place(&self.difference).ok())
+            {
+                touch.position_m = place.position_m;
+                touch.position_covariance_m2 = std::array::from_fn(|i| {
+                    std::array::from_fn(|j| if i == j { place.std_m.powi(2) } else { 0.0 })
+                });
+            }
+        }
+        let force_n = self.force.as_ref().map(|LearnedForce { strength_by, curve }| {
+            let strength = match strength_by {
+                PlacesBy::Model => touch.strength_s_m2.abs(),
+                PlacesBy::Map | PlacesBy::Regression => located.strength_s_m2,
+            };
+            let relative = (touch.strength_std_s_m2 / touch.strength_s_m2).abs();
+            let relative = if relative.is_finite() { relative } else { 1.0 };
+            let force = curve.force(strength, touch.position_m, relative);
+            [force.force_n, force.std_n]
+        });
+        touch.learnt = Some(LearntTouch { force_n, is_unlike: false });
+    }
+}
