@@ -1,10 +1,12 @@
 //! The command line. Long because what `--help` says is one list: every command and its arguments.
 
+mod init;
 mod learn;
 mod live;
 mod report;
 mod shell;
 
+pub(crate) use init::{InitArgs, ShapeArg};
 pub(crate) use learn::LearnArgs;
 pub(crate) use live::{
     CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, PublishArgs, RecordArgs,
@@ -35,6 +37,7 @@ use std::path::PathBuf;
         eit train paper-disc --out w.safetensors   a U-net that removes artefacts\n  \
         eit report --quick                     compare every method on simulated touches\n\n\
         With an instrument ([instrument] in the scene; `eit emulate` is one without hardware):\n  \
+        eit init my.toml --port /dev/ttyACM0   a scene for your skin, by asking, listening and two presses\n  \
         eit devices                            serial ports of this computer\n  \
         eit check my.toml                      is every electrode sound?\n  \
         eit live my.toml                       touches as they happen\n  \
@@ -161,6 +164,20 @@ pub(crate) enum Command {
     ///
     /// Example: `eit report --scenes paper-disc-60 --peers python3`
     Report(ReportArgs),
+    /// Write the first scene of a new skin: what you measured with a ruler, what its board prints, and two
+    /// presses.
+    ///
+    /// Asks for shape, size and number of electrodes (or takes them from the flags), listens to the board
+    /// and says what it hears; finds the drive and measurement pattern that fits the number of values, by
+    /// reciprocity and by the untouched skin's model; asks for two presses and finds from them which
+    /// electrode is the first, which way they are counted, and whether a touch raises the conductivity.
+    /// Then writes a scene with comments that `eit check` and `eit live` take.
+    ///
+    /// What nobody knows (the sheet's conductivity, the contacts) has the values of the paper's fabric:
+    /// touches do not depend on them. docs/BUILD_A_SKIN.md goes from fabric and wires to a program.
+    ///
+    /// Example: eit init my.toml --width-mm 120 --height-mm 80 --electrodes 16 --port /dev/ttyACM0
+    Init(InitArgs),
     /// List the serial ports, or ask the scene's instrument who it is.
     ///
     /// Example: eit devices my.toml --port /dev/ttyACM0

@@ -33,6 +33,7 @@ fn main() -> ExitCode {
         Command::Forward(args) => commands::forward::run(args).map(Ended::from),
         Command::Jacobian(args) => commands::jacobian::run(args).map(Ended::from),
         Command::Calibrate(args) => commands::calibrate::run(args).map(Ended::from),
+        Command::Init(args) => commands::init::run(args, cli.json).map(Ended::from),
         Command::Learn(args) => commands::learn::run(args).map(Ended::from),
         Command::Simulate(args) => commands::simulate::run(args).map(Ended::from),
         Command::Reconstruct(args) => commands::reconstruct::run(args).map(Ended::from),

@@ -26,4 +26,4 @@ pub use sciospec::{Gain, PairWidth, Polarity, Range, Sciospec, SciospecSettings}
 pub use session::{Backoff, Session, SessionSettings};
 pub use setup::{Identity, Limits, Setup};
 pub use source::{Event, FrameSource, Statistics};
-pub use text::{Board, Step};
+pub use text::{Board, Heard, Step, listen};

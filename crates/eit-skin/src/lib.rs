@@ -12,6 +12,8 @@ mod displacement;
 pub mod emulate;
 mod error;
 pub mod faults;
+#[cfg(feature = "first-scene")]
+pub mod first_scene;
 mod fitted;
 pub mod frames;
 pub mod health;

@@ -9,6 +9,7 @@ pub(crate) mod devices;
 mod electrode_watch;
 pub(crate) mod emulate;
 pub(crate) mod forward;
+pub(crate) mod init;
 pub(crate) mod jacobian;
 pub(crate) mod learn;
 pub(crate) mod live;

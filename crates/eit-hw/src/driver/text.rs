@@ -1,8 +1,10 @@
 //! Boards that write lines of numbers: see [`codec::text`](crate::codec::text).
 
 mod board;
+mod listen;
 
 pub use board::{Board, Step};
+pub use listen::{Heard, listen};
 
 use std::time::{Duration, Instant};
 

@@ -1,0 +1,186 @@
+//! `eit init`: the first scene of a new skin, from a ruler, a port and two presses.
+
+mod ask;
+mod board;
+
+use super::Answer;
+use crate::cli::{InitArgs, ShapeArg};
+use crate::error::CliError;
+use ask::Questions;
+use eit_skin::first_scene::{FirstScene, Numbering, Outline};
+use eit_skin::scene::{Direction, TouchSign};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Below this the model does not look like the skin at all.
+const UNLIKE: f64 = 0.6;
+/// The next best numbering must be so much less like the presses.
+const CLEAR: f64 = 0.03;
+
+/// Asks, listens, and writes the scene.
+pub(crate) fn run(args: &InitArgs, is_json: bool) -> Result<Answer, CliError> {
+    check(args)?;
+    let mut questions = Questions::new(is_json);
+    let mut first = described(args, &mut questions)?;
+    first.scene()?;
+    let mut found = Found::default();
+    if let Some(port) = &args.port {
+        found = board::find(args, port, &mut first, &questions)?;
+    }
+    let notes = notes(&first, &found);
+    let text = first.to_toml(&notes);
+    // whatever happened meanwhile, a scene that cannot be read is not written
+    first.scene()?;
+    write(&args.out, &text, args.force)?;
+    Ok(answer(&args.out, &first, &found))
+}
+
+/// What the board told.
+#[derive(Debug, Default)]
+struct Found {
+    /// One line each, for people.
+    lines: Vec<String>,
+    /// What is uncertain, and what to do.
+    warnings: Vec<String>,
+    values: Option<usize>,
+    rate_hz: Option<f64>,
+    reciprocity: Option<f64>,
+    correlation: Option<f64>,
+    numbering: Option<Numbering>,
+}
+
+/// Refuses numbers that cannot be before anything is asked.
+fn check(args: &InitArgs) -> Result<(), CliError> {
+    let sizes = [
+        ("--radius-mm", args.radius_mm),
+        ("--width-mm", args.width_mm),
+        ("--height-mm", args.height_mm),
+        ("--electrode-width-mm", args.electrode_width_mm),
+        ("--listen-s", Some(args.listen_s)),
+        ("--press-wait-s", Some(args.press_wait_s)),
+    ];
+    for (name, value) in sizes {
+        if let Some(value) = value.filter(|value| !(*value > 0.0 && *value <= 1e5)) {
+            return Err(CliError::input(format!("{name} {value}: it must be above 0, to 100000")));
+        }
+    }
+    if !args.electrode_at_deg.is_finite() {
+        let message = format!("--electrode-at-deg {}: it must be finite", args.electrode_at_deg);
+        return Err(CliError::input(message));
+    }
+    let is_disc = args.shape == Some(ShapeArg::Disc) || args.radius_mm.is_some();
+    let is_rectangle = args.shape == Some(ShapeArg::Rectangle)
+        || args.width_mm.is_some()
+        || args.height_mm.is_some();
+    if is_disc && is_rectangle {
+        let message =
+            "a disc has --radius-mm, a rectangle --width-mm and --height-mm: keep one shape";
+        return Err(CliError::input(message));
+    }
+    if args.out.exists() && !args.force {
+        return Err(CliError::input(format!(
+            "{} exists: give --force to write over it",
+            args.out.display()
+        )));
+    }
+    Ok(())
+}
+
+/// What the builder knows: from the command line, else asked for.
+fn described(args: &InitArgs, questions: &mut Questions) -> Result<FirstScene, CliError> {
+    let shape = match (args.shape, args.radius_mm, args.width_mm.or(args.height_mm)) {
+        (Some(shape), ..) => shape,
+        (None, Some(_), _) => ShapeArg::Disc,
+        (None, None, Some(_)) => ShapeArg::Rectangle,
+        (None, None, None) => questions.shape()?,
+    };
+    let mut size_m = |given: Option<f64>, name: &str, question: &str| {
+        given.map_or_else(|| questions.number(name, question), Ok).map(|size_mm| size_mm / 1e3)
+    };
+    let outline = match shape {
+        ShapeArg::Disc => {
+            Outline::Disc { radius_m: size_m(args.radius_mm, "--radius-mm", "radius, mm")? }
+        }
+        ShapeArg::Rectangle => Outline::Rectangle {
+            width_m: size_m(args.width_mm, "--width-mm", "extent from left to right, mm")?,
+            height_m: size_m(args.height_mm, "--height-mm", "extent from bottom to top, mm")?,
+        },
+    };
+    let electrodes = match args.electrodes {
+        Some(count) => count,
+        None => questions.count("--electrodes", "number of electrodes on the rim")?,
+    };
+    let mut first = FirstScene::new(outline, electrodes);
+    first.first_angle_deg = args.electrode_at_deg;
+    if let Some(width_mm) = args.electrode_width_mm {
+        first.electrode_width_m = width_mm / 1e3;
+    }
+    first.port.clone_from(&args.port);
+    first.baud = (args.baud != 115_200).then_some(args.baud);
+    Ok(first)
+}
+
+/// What stands at the head of the scene.
+fn notes(first: &FirstScene, found: &Found) -> Vec<String> {
+    let mut notes = vec!["Written by `eit init`; docs/SCENE.md has every key.".to_owned()];
+    notes.extend(found.lines.iter().cloned());
+    notes.extend(found.warnings.iter().map(|warning| format!("UNSURE: {warning}")));
+    if first.port.is_none() {
+        notes.push("No board was listened to: [protocol] and [instrument] are a start.".to_owned());
+    }
+    notes
+}
+
+fn write(place: &Path, text: &str, force: bool) -> Result<(), CliError> {
+    use std::io::Write as _;
+    let failed = |error: std::io::Error| {
+        CliError::input(format!("{}: cannot be written: {error}", place.display()))
+    };
+    let mut options = std::fs::OpenOptions::new();
+    options.write(true);
+    match force {
+        true => options.create(true).truncate(true),
+        // whoever made it meanwhile keeps it
+        false => options.create_new(true),
+    };
+    options.open(place).and_then(|mut file| file.write_all(text.as_bytes())).map_err(failed)
+}
+
+fn answer(place: &Path, first: &FirstScene, found: &Found) -> Answer {
+    let mut lines = found.lines.clone();
+    lines.extend(found.warnings.iter().map(|warning| format!("unsure: {warning}")));
+    let place = place.display();
+    lines.push(format!("{place} is written. Look at it: `eit mesh {place} --out skin.png`"));
+    if first.port.is_some() {
+        lines.push(format!("Then: `eit check {place}`, and touches: `eit live {place} --web`"));
+    } else {
+        lines.push(format!("Then: what it needs and costs, `eit plan {place}`"));
+    }
+    Answer { text: lines.join("\n"), json: to_json(&place.to_string(), first, found) }
+}
+
+fn to_json(place: &str, first: &FirstScene, found: &Found) -> Value {
+    json!({
+        "scene": place,
+        "driver": first.driver,
+        "values": found.values,
+        "frame_rate_hz": found.rate_hz,
+        "reciprocity_error": found.reciprocity,
+        "model_correlation": found.correlation,
+        "first_angle_deg": first.first_angle_deg,
+        "direction": match first.direction {
+            Direction::Counterclockwise => "counterclockwise",
+            Direction::Clockwise => "clockwise",
+        },
+        "sign": match first.sign {
+            TouchSign::Increase => "increase",
+            TouchSign::Decrease => "decrease",
+        },
+        "numbering": found.numbering.as_ref().map(|numbering| json!({
+            "likeness": numbering.likeness,
+            "next_likeness": numbering.next_likeness,
+            "press_errors_m": numbering.errors_m,
+        })),
+        "unsure": found.warnings,
+    })
+}

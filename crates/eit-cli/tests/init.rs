@@ -1,0 +1,216 @@
+//! `eit init` as the builder of a new skin meets it: a board that prints lines of numbers, whose wiring
+//! nobody wrote down, and a finger that presses when it is asked to. The board's voltages come from another
+//! mesh than the command's, solved with the press in it (no linearisation), rounded to converter steps.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+mod common;
+
+use common::{eit, text};
+use eit_fem::fabric::Random;
+use eit_hw::emulator::{Device, Emulator, FaultPlan, Listen};
+use eit_skin::first_scene::{FirstScene, Outline};
+use eit_skin::scene::{Direction, Scene, TouchSign};
+use eit_skin::{Progress, Skin};
+use serde_json::Value;
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+/// Frames a second.
+const RATE_HZ: f64 = 40.0;
+/// Radius of the finger, metres; a tenth more than what the command assumes.
+const RADIUS_M: f64 = 0.008;
+
+/// A board that prints the frame that it is told to, in converter steps.
+struct Board {
+    frames: Vec<Vec<f64>>,
+    which: Arc<AtomicUsize>,
+    sent: u64,
+    random: Random,
+}
+
+impl Device for Board {
+    fn receive(&mut self, _: &[u8], _: Duration, _: &mut Vec<u8>) {}
+
+    fn poll(&mut self, now: Duration, out: &mut Vec<u8>) {
+        while (self.sent as f64) < now.as_secs_f64() * RATE_HZ {
+            let frame = &self.frames[self.which.load(Ordering::Relaxed)];
+            // a step of noise
+            let steps = frame.iter().map(|value| (value + self.random.normal()).round() as i64);
+            let line: Vec<String> = steps.map(|value| value.to_string()).collect();
+            out.extend(format!("{}\r\n", line.join(",")).bytes());
+            self.sent += 1;
+        }
+    }
+
+    fn power_cycle(&mut self) {}
+}
+
+/// Frames of the skin as it truly is, in steps of a 16-bit converter: untouched, and pressed at each of the
+/// places; `times`: factor of the conductivity under the finger.
+fn frames(truth: &FirstScene, places_m: &[[f64; 2]], times: f64) -> Vec<Vec<f64>> {
+    let skin = Skin::from_scene(truth.scene().unwrap()).unwrap();
+    let skin = skin.with_nodes(5000, &mut Progress::silent()).unwrap();
+    let voltages = |place: Option<&[f64; 2]>| {
+        let mut conductivity_s = skin.background_s();
+        for (value, [cx, cy, _]) in conductivity_s.iter_mut().zip(skin.mesh.surface().centroids()) {
+            if let Some([x, y]) = place {
+                let square = (cx - x).powi(2) + (cy - y).powi(2);
+                *value *= times.powf((-square / RADIUS_M.powi(2)).exp());
+            }
+        }
+        skin.model.forward(&conductivity_s).unwrap().to_vec()
+    };
+    let untouched = voltages(None);
+    let largest = untouched.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    let all = std::iter::once(untouched).chain(places_m.iter().map(|place| voltages(Some(place))));
+    all.map(|frame| frame.iter().map(|value| value / largest * 30_000.0).collect()).collect()
+}
+
+/// Runs `eit init` on the board and presses when it asks; the answer.
+fn init(truth: &FirstScene, times: f64, folder: &Path, arguments: &[&str]) -> (Value, String) {
+    let places_m = truth.outline.press_places_m();
+    let which = Arc::new(AtomicUsize::new(0));
+    let board = Board {
+        frames: frames(truth, &places_m, times),
+        which: Arc::clone(&which),
+        sent: 0,
+        random: Random::new(11),
+    };
+    let emulator =
+        Emulator::start(Box::new(board), &Listen::Tcp("127.0.0.1:0".into()), FaultPlan::default())
+            .unwrap();
+    let (port, scene) = (emulator.endpoint().to_string(), folder.join("my.toml"));
+    let mut child = Command::new(env!("CARGO_BIN_EXE_eit"))
+        .args(["init", text(&scene), "--port", &port, "--listen-s", "1.5"])
+        .args(arguments)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = String::new();
+    for line in BufReader::new(child.stderr.take().unwrap()).lines() {
+        let line = line.unwrap();
+        if line.starts_with("press 1") {
+            which.store(1, Ordering::Relaxed);
+        } else if line.starts_with("press 2") {
+            which.store(2, Ordering::Relaxed);
+        } else if line.starts_with("seen") {
+            which.store(0, Ordering::Relaxed);
+        }
+        said += &format!("{line}\n");
+    }
+    let mut answer = String::new();
+    child.stdout.take().unwrap().read_to_string(&mut answer).unwrap();
+    assert!(child.wait().unwrap().success(), "{said}");
+    (Value::String(answer), said)
+}
+
+fn check(truth: &FirstScene, times: f64, arguments: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    let (answer, said) = init(truth, times, folder.path(), arguments);
+    let scene = Scene::load(text(&folder.path().join("my.toml"))).unwrap();
+    let all = format!("{said}{answer}");
+    assert!(!all.contains("nsure"), "{all}");
+    let angle = scene.electrodes.first_angle_deg.unwrap();
+    // half a degree: electrodes are at ends of edges of another mesh
+    let off = (angle - truth.first_angle_deg + 180.0).rem_euclid(360.0) - 180.0;
+    assert!(off.abs() < 0.5, "{angle} for {}: {all}", truth.first_angle_deg);
+    assert_eq!(scene.electrodes.direction, truth.direction, "{all}");
+    assert_eq!(scene.touch.sign, truth.sign, "{all}");
+    let skin = Skin::from_scene(scene).unwrap();
+    let measured = truth.protocol.quadruples().unwrap();
+    assert_eq!(skin.protocol.quadruples().unwrap(), measured, "{all}");
+}
+
+/// The paper's disc, wired clockwise from the upper left, values in the order of the electrodes.
+#[test]
+fn a_disc_that_is_wired_clockwise() {
+    let mut truth = FirstScene::new(Outline::Disc { radius_m: 0.1 }, 16);
+    truth.first_angle_deg = 135.0;
+    truth.direction = Direction::Clockwise;
+    truth.protocol.order = eit_fem::Order::Ascending;
+    check(&truth, 1.5, &["--radius-mm", "100", "--electrodes", "16"]);
+}
+
+/// A rectangle whose touches lower the conductivity, wired from the middle of its left edge.
+#[test]
+fn a_rectangle_that_loses_conductivity() {
+    let mut truth = FirstScene::new(Outline::Rectangle { width_m: 0.12, height_m: 0.08 }, 16);
+    truth.first_angle_deg = 180.0;
+    truth.sign = TouchSign::Decrease;
+    let size = ["--width-mm", "120", "--height-mm", "80", "--electrodes", "16"];
+    check(&truth, 0.6, &size);
+}
+
+/// Eight electrodes with opposite drive, all pairs measured, of a disc.
+#[test]
+fn a_board_with_opposite_drive() {
+    let mut truth = FirstScene::new(Outline::Disc { radius_m: 0.06 }, 8);
+    truth.first_angle_deg = 45.0;
+    truth.protocol.drive = eit_fem::PairPattern::Opposite;
+    check(&truth, 1.5, &["--radius-mm", "60", "--electrodes", "8"]);
+}
+
+/// What cannot be is refused before anything is opened or written.
+#[test]
+fn wrong_arguments_are_told_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("my.toml");
+    let refused = |arguments: &[&str], word: &str| {
+        let all: Vec<&str> = ["init", text(&place)].iter().chain(arguments).copied().collect();
+        let output = eit(&all);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(said.contains(word) && said.lines().count() == 1, "{arguments:?}: {said}");
+        assert!(!place.exists());
+    };
+    refused(&[], "--shape");
+    refused(&["--radius-mm", "100"], "--electrodes");
+    refused(&["--radius-mm", "-1", "--electrodes", "16"], "--radius-mm -1");
+    refused(&["--radius-mm", "nan", "--electrodes", "16"], "--radius-mm NaN");
+    refused(&["--radius-mm", "100", "--width-mm", "5", "--electrodes", "16"], "keep one shape");
+    refused(&["--radius-mm", "100", "--electrodes", "0"], "electrode");
+    refused(
+        &["--radius-mm", "100", "--electrodes", "16", "--port", "tcp:nowhere"],
+        "tcp:host:port",
+    );
+    refused(&["--radius-mm", "5", "--electrodes", "16", "--electrode-width-mm", "9"], "electrode");
+    let good = ["init", text(&place), "--radius-mm", "100", "--electrodes", "16"];
+    assert!(eit(&good).status.success());
+    let again = eit(&good);
+    let said = String::from_utf8_lossy(&again.stderr).into_owned();
+    assert_eq!(again.status.code(), Some(2));
+    assert!(said.contains("exists") && said.contains("--force"), "{said}");
+    assert!(eit(&[&good[..], &["--force"]].concat()).status.success());
+    assert!(eit(&["plan", text(&place)]).status.success());
+}
+
+/// A board with another count than the electrodes give: the answer says which number would fit.
+#[test]
+fn another_number_of_electrodes_is_named() {
+    let truth = FirstScene::new(Outline::Disc { radius_m: 0.1 }, 16);
+    let board = Board {
+        frames: frames(&truth, &[], 1.0),
+        which: Arc::default(),
+        sent: 0,
+        random: Random::new(3),
+    };
+    let listen = Listen::Tcp("127.0.0.1:0".into());
+    let emulator = Emulator::start(Box::new(board), &listen, FaultPlan::default()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let (place, port) = (folder.path().join("my.toml"), emulator.endpoint().to_string());
+    let size = ["--radius-mm", "100", "--electrodes", "12", "--listen-s", "1", "--port", &port];
+    let output = eit(&[&["init", text(&place)], &size[..]].concat());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(
+        said.contains("208") && said.contains("[16]") && said.contains("--electrodes"),
+        "{said}"
+    );
+    assert!(!place.exists());
+}

@@ -1,0 +1,280 @@
+//! The first scene of a new skin: from what its builder measured with a ruler and what its board prints.
+//!
+//! 1. [`fitting_protocols`]: pair protocols with as many measurements as the board prints, best first by
+//!    reciprocity and by the likeness of the untouched frame to the model.
+//! 2. [`PressWatch`]: notices when the skin is pressed and held, and when it is released.
+//! 3. [`find_numbering`]: which electrode is the first and which way they are counted, from presses at
+//!    known places, and whether a touch raises or lowers the conductivity.
+//!
+//! [`FirstScene::to_toml`] writes what was found, with comments. What nobody knows has the values of the
+//! paper's fabric: normalised differences do not depend on the conductivity, and hardly on the contacts.
+//!
+//! ```
+//! use eit_skin::first_scene::{FirstScene, Outline};
+//! let scene = FirstScene::new(Outline::Rectangle { width_m: 0.12, height_m: 0.08 }, 16);
+//! assert_eq!(scene.scene()?.skin.width_m, Some(0.12));
+//! # Ok::<(), eit_skin::SkinError>(())
+//! ```
+
+mod numbering;
+mod presses;
+mod protocols;
+
+pub use numbering::{KnownPress, Numbering, find_numbering};
+pub use presses::{PressState, PressWatch};
+pub use protocols::{FittingProtocol, fitting_protocols};
+
+use crate::error::SkinError;
+use crate::scene::{Direction, Scene, TouchSign, from_toml};
+use eit_fem::{DrivenElectrodes, Order, PairPattern, PairProtocol};
+
+/// Conductivity of the paper's fabric, siemens per square.
+const CONDUCTIVITY_S: f64 = 1e-5;
+/// Contact impedance beside it, ohm metre.
+const CONTACT_IMPEDANCE_OHM_M: f64 = 1e3;
+/// Widest electrode that is assumed where nobody measured it, metres.
+const WIDEST_M: f64 = 0.01;
+
+/// Outline of a flat skin around the origin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Outline {
+    /// A disc.
+    Disc {
+        /// Its radius, metres.
+        radius_m: f64,
+    },
+    /// A rectangle.
+    Rectangle {
+        /// Extent along x, metres.
+        width_m: f64,
+        /// Extent along y, metres.
+        height_m: f64,
+    },
+}
+
+impl Outline {
+    /// Length of the rim, metres.
+    pub fn rim_m(&self) -> f64 {
+        match *self {
+            Self::Disc { radius_m } => std::f64::consts::TAU * radius_m,
+            Self::Rectangle { width_m, height_m } => 2.0 * (width_m + height_m),
+        }
+    }
+
+    /// Half of its extent along x and y, metres.
+    pub fn half_extent_m(&self) -> [f64; 2] {
+        match *self {
+            Self::Disc { radius_m } => [radius_m, radius_m],
+            Self::Rectangle { width_m, height_m } => [width_m / 2.0, height_m / 2.0],
+        }
+    }
+
+    /// Where to press so that the numbering of the electrodes follows: seven tenths of the way from the
+    /// centre to the right rim, and to the upper one. No turn and no mirror image leaves both in place.
+    pub fn press_places_m(&self) -> [[f64; 2]; 2] {
+        let [x, y] = self.half_extent_m();
+        [[0.7 * x, 0.0], [0.0, 0.7 * y]]
+    }
+}
+
+/// What is known of a new skin. Electrodes are equally spaced along the rim.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FirstScene {
+    /// Outline.
+    pub outline: Outline,
+    /// Number of electrodes.
+    pub electrodes: usize,
+    /// Length of rim that each covers, metres.
+    pub electrode_width_m: f64,
+    /// Where electrode 1 is, counter-clockwise from +x as seen from the centre, degrees.
+    pub first_angle_deg: f64,
+    /// Which way electrodes are counted.
+    pub direction: Direction,
+    /// What the board measures.
+    pub protocol: PairProtocol,
+    /// "csv", "eits1" or a board's name.
+    pub driver: String,
+    /// Serial port or `tcp:HOST:PORT`.
+    pub port: Option<String>,
+    /// Rate of the serial line, where it is not the driver's own.
+    pub baud: Option<u32>,
+    /// Whether touches raise or lower the conductivity.
+    pub sign: TouchSign,
+}
+
+impl FirstScene {
+    /// Electrodes that cover half of the rim, each 10 mm at most; the first at +x, counted
+    /// counter-clockwise; adjacent drive and measurement; a board that prints lines of numbers.
+    pub fn new(outline: Outline, electrodes: usize) -> Self {
+        let spacing_m = outline.rim_m() / electrodes.max(1) as f64;
+        Self {
+            outline,
+            electrodes,
+            electrode_width_m: (0.5 * spacing_m).min(WIDEST_M),
+            first_angle_deg: 0.0,
+            direction: Direction::Counterclockwise,
+            protocol: PairProtocol { electrodes, ..PairProtocol::default() },
+            driver: "csv".to_owned(),
+            port: None,
+            baud: None,
+            sign: TouchSign::Increase,
+        }
+    }
+
+    /// The scene, checked.
+    ///
+    /// # Errors
+    /// Sizes that are not above zero, electrodes that overlap, a protocol that the electrodes do not have.
+    pub fn scene(&self) -> Result<Scene, SkinError> {
+        let place = "the new skin";
+        let mut scene: Scene = from_toml(&self.to_toml(&[]), place)?;
+        place.clone_into(&mut scene.place);
+        place.clone_into(&mut scene.name);
+        scene.check()?;
+        let spacing_m = self.outline.rim_m() / self.electrodes.max(1) as f64;
+        if self.electrode_width_m >= spacing_m {
+            return Err(SkinError::input(format!(
+                "electrodes of {:.1} mm overlap: {} of them on this rim are {:.1} mm apart",
+                self.electrode_width_m * 1e3,
+                self.electrodes,
+                spacing_m * 1e3
+            )));
+        }
+        Ok(scene)
+    }
+
+    /// The scene file, with comments; `notes` stand at its head.
+    pub fn to_toml(&self, notes: &[String]) -> String {
+        let mut text = String::new();
+        for note in notes.iter().flat_map(|note| note.lines()) {
+            text += &format!("# {note}\n");
+        }
+        let shape = match self.outline {
+            Outline::Disc { radius_m } => format!("shape = \"disc\"\nradius_m = {radius_m}"),
+            Outline::Rectangle { width_m, height_m } => format!(
+                "shape = \"rectangle\"            # centred at the origin, x to the right, y up\n\
+                 width_m = {width_m}\nheight_m = {height_m}"
+            ),
+        };
+        let direction = match self.direction {
+            Direction::Counterclockwise => "counterclockwise",
+            Direction::Clockwise => "clockwise",
+        };
+        text += &format!(
+            "[skin]\n{shape}\n\
+             # nobody has measured the sheet. Touches and normalised images are relative to it, so the\n\
+             # paper's value serves; `eit calibrate` fits it where absolute images are wanted\n\
+             conductivity_s = {CONDUCTIVITY_S:e}\n\n\
+             [electrodes]                   # equally spaced along the rim\n\
+             count = {}\n\
+             width_m = {}                 # length of rim that each covers\n\
+             first_angle_deg = {}         # where electrode 1 is, counter-clockwise from +x\n\
+             direction = \"{direction}\"\n\
+             contact_impedance_ohm_m = {CONTACT_IMPEDANCE_OHM_M}   # hardly matters for adjacent pairs\n\n",
+            self.electrodes,
+            self.electrode_width_m,
+            rounded(self.first_angle_deg),
+        );
+        text += &self.protocol_toml();
+        text += &self.instrument_toml();
+        if self.sign == TouchSign::Decrease {
+            text +=
+                "\n[touch]\nsign = \"decrease\"             # a touch lowers the conductivity\n";
+        }
+        text
+    }
+
+    fn protocol_toml(&self) -> String {
+        let driven = match self.protocol.driven_electrodes {
+            DrivenElectrodes::Drop => "drop",
+            DrivenElectrodes::Keep => "keep",
+        };
+        let order = match self.protocol.order {
+            Order::Rotated => "rotated",
+            Order::Ascending => "ascending",
+        };
+        format!(
+            "[protocol]\ndrive = \"{}\"\nmeasure = \"{}\"\n\
+             driven_electrodes = \"{driven}\"      # \"keep\": current-carrying electrodes are measured, too\n\
+             order = \"{order}\"              # or \"rotated\", \"ascending\": docs/SCENE.md\n\
+             current_a = {:e}               # normalised differences do not depend on it\n\n",
+            pattern(&self.protocol.drive),
+            pattern(&self.protocol.measure),
+            self.protocol.current_a,
+        )
+    }
+
+    fn instrument_toml(&self) -> String {
+        let mut text = format!("[instrument]\ndriver = \"{}\"\n", self.driver);
+        if let Some(port) = &self.port {
+            text += &format!("port = {}\n", toml::Value::String(port.clone()));
+        }
+        if let Some(baud) = self.baud {
+            text += &format!("baud = {baud}\n");
+        }
+        text
+    }
+}
+
+/// The name of a pattern in a scene. Lists of pairs have none and are not among the candidates.
+fn pattern(pattern: &PairPattern) -> String {
+    match pattern {
+        PairPattern::Adjacent | PairPattern::Pairs(_) => "adjacent".to_owned(),
+        PairPattern::Opposite => "opposite".to_owned(),
+        PairPattern::Skip(between) => format!("skip-{between}"),
+    }
+}
+
+/// To a thousandth of a degree.
+fn rounded(angle_deg: f64) -> f64 {
+    (angle_deg * 1e3).round() / 1e3 + 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::skin::Skin;
+
+    #[test]
+    fn what_is_written_is_read_back() {
+        let outline = Outline::Rectangle { width_m: 0.12, height_m: 0.08 };
+        let scene = FirstScene {
+            first_angle_deg: 135.0,
+            direction: Direction::Clockwise,
+            protocol: PairProtocol {
+                electrodes: 12,
+                drive: PairPattern::Skip(2),
+                driven_electrodes: DrivenElectrodes::Keep,
+                order: Order::Ascending,
+                ..PairProtocol::default()
+            },
+            port: Some("/dev/tty\"0".to_owned()),
+            baud: Some(9600),
+            sign: TouchSign::Decrease,
+            ..FirstScene::new(outline, 12)
+        };
+        let read = scene.scene().unwrap();
+        assert_eq!(read.electrodes.first_angle_deg, Some(135.0));
+        assert_eq!(read.electrodes.direction, Direction::Clockwise);
+        assert_eq!(read.touch.sign, TouchSign::Decrease);
+        assert_eq!(read.instrument.as_ref().unwrap().port.as_deref(), Some("/dev/tty\"0"));
+        let skin = Skin::from_scene(read).unwrap();
+        assert_eq!(skin.protocol.quadruples().unwrap(), scene.protocol.quadruples().unwrap());
+        let text = scene.to_toml(&["one\ntwo".to_owned()]);
+        assert!(text.starts_with("# one\n# two\n[skin]\n"), "{text}");
+    }
+
+    #[test]
+    fn sizes_that_cannot_be_are_refused() {
+        for radius_m in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let scene = FirstScene::new(Outline::Disc { radius_m }, 16);
+            assert!(scene.scene().is_err(), "{radius_m}");
+        }
+        let wide = FirstScene {
+            electrode_width_m: 0.1,
+            ..FirstScene::new(Outline::Disc { radius_m: 0.1 }, 16)
+        };
+        let said = wide.scene().unwrap_err().to_string();
+        assert_eq!(said, "electrodes of 100.0 mm overlap: 16 of them on this rim are 39.3 mm apart");
+    }
+}

@@ -1,0 +1,240 @@
+//! When a skin is pressed, held and released, without a model.
+
+use crate::error::SkinError;
+use std::collections::VecDeque;
+
+/// A frame shows a press where its root mean square change exceeds so many times the noise's.
+const PRESSED: f64 = 6.0;
+/// Released where it is below this share of the press.
+const RELEASED: f64 = 0.3;
+/// Held where the two halves of the window differ by less than this share of the change.
+const STEADY: f64 = 0.1;
+/// Share of a new frame in the untouched reference.
+const FOLLOW: f64 = 0.05;
+
+/// What a [`PressWatch`] sees.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PressState {
+    /// Nothing touches the skin.
+    Untouched,
+    /// Something does, and it moves or its force changes.
+    Unsteady,
+    /// A press is held: the mean change over the window, in the frame's unit. Told once for each press.
+    Held(Vec<f64>),
+    /// It is still held.
+    StillHeld,
+}
+
+/// Notices presses in a stream of frames.
+///
+/// A press is a change far above the noise of the untouched frames; it counts as held once the two halves
+/// of the last `window` frames agree, and as released once the change is below 30 % of it. The reference
+/// follows the untouched skin slowly, and begins anew after a release, so that what the fabric remembers
+/// of a press is no second one. Channels count alike in units of their noise, which is floored at a tenth
+/// of the median channel's.
+#[derive(Debug, Clone)]
+pub struct PressWatch {
+    reference: Vec<f64>,
+    noise: Vec<f64>,
+    window: VecDeque<Vec<f64>>,
+    frames: usize,
+    /// Size of the press that is held.
+    held: Option<f64>,
+    /// Frames until the reference is believed after a release.
+    settling: usize,
+}
+
+impl PressWatch {
+    /// From frames of the untouched skin, `[frame][value]`; `window`: frames that a press must be held.
+    ///
+    /// # Errors
+    /// Fewer than 4 frames, or frames of different lengths.
+    pub fn new(untouched: &[Vec<f64>], window: usize) -> Result<Self, SkinError> {
+        let values = untouched.first().map_or(0, Vec::len);
+        if untouched.len() < 4 || values == 0 {
+            return Err(SkinError::input(format!(
+                "{} frames of the untouched skin: 4 or more are needed",
+                untouched.len()
+            )));
+        }
+        if let Some(frame) = untouched.iter().position(|frame| frame.len() != values) {
+            return Err(SkinError::input(format!(
+                "frame {frame} of the untouched skin has {} values, the first {values}",
+                untouched[frame].len()
+            )));
+        }
+        let count = untouched.len() as f64;
+        let mean: Vec<f64> = (0..values)
+            .map(|i| untouched.iter().map(|frame| frame[i]).sum::<f64>() / count)
+            .collect();
+        let deviation = |i: usize| {
+            let squares = untouched.iter().map(|frame| (frame[i] - mean[i]).powi(2));
+            (squares.sum::<f64>() / (count - 1.0)).sqrt()
+        };
+        let mut noise: Vec<f64> = (0..values).map(deviation).collect();
+        let floor = floor_of(&noise, &mean);
+        noise.iter_mut().for_each(|noise| *noise = noise.max(floor));
+        let frames = window.max(4);
+        let window = VecDeque::with_capacity(frames);
+        Ok(Self { reference: mean, noise, window, frames, held: None, settling: 0 })
+    }
+
+    /// The untouched frame at present.
+    pub fn reference(&self) -> &[f64] {
+        &self.reference
+    }
+
+    /// Takes the next frame. Values that are not finite count as unchanged; a frame of another length is
+    /// passed over.
+    pub fn push(&mut self, frame: &[f64]) -> PressState {
+        if frame.len() != self.reference.len() {
+            return PressState::Unsteady;
+        }
+        let values = frame.iter().zip(&self.reference);
+        let change: Vec<f64> =
+            values.map(|(value, r)| if value.is_finite() { value - r } else { 0.0 }).collect();
+        let size = self.size(&change);
+        if self.window.len() == self.frames {
+            self.window.pop_front();
+        }
+        self.window.push_back(change);
+        if let Some(held) = self.held {
+            if size > RELEASED * held {
+                return PressState::StillHeld;
+            }
+            (self.held, self.settling) = (None, self.frames);
+            self.window.clear();
+            return PressState::Unsteady;
+        }
+        if self.settling > 0 {
+            self.settling -= 1;
+            if self.settling == 0 {
+                self.rebase();
+            }
+            return PressState::Unsteady;
+        }
+        if size < PRESSED {
+            let newest = self.window.back();
+            let slots = self.reference.iter_mut().zip(newest.into_iter().flatten());
+            slots.for_each(|(reference, change)| *reference += FOLLOW * change);
+            return PressState::Untouched;
+        }
+        match self.steady() {
+            Some(mean) => {
+                self.held = Some(self.size(&mean));
+                PressState::Held(mean)
+            }
+            None => PressState::Unsteady,
+        }
+    }
+
+    /// Root mean square of a change in units of the noise.
+    fn size(&self, change: &[f64]) -> f64 {
+        let squares =
+            change.iter().zip(&self.noise).map(|(change, noise)| (change / noise).powi(2));
+        (squares.sum::<f64>() / change.len() as f64).sqrt()
+    }
+
+    /// The reference is what the skin shows now.
+    fn rebase(&mut self) {
+        let mean = self.mean(0, self.window.len());
+        self.reference.iter_mut().zip(mean).for_each(|(reference, change)| *reference += change);
+        self.window.clear();
+    }
+
+    /// Mean change of some frames of the window.
+    fn mean(&self, from: usize, to: usize) -> Vec<f64> {
+        let count = (to - from).max(1) as f64;
+        let frames = || self.window.iter().skip(from).take(to - from);
+        (0..self.reference.len())
+            .map(|i| frames().map(|change| change[i]).sum::<f64>() / count)
+            .collect()
+    }
+
+    /// The mean change, where a full window shows a press and its halves agree.
+    fn steady(&self) -> Option<Vec<f64>> {
+        if self.window.len() < self.frames
+            || self.window.iter().any(|change| self.size(change) < PRESSED)
+        {
+            return None;
+        }
+        let half = self.frames / 2;
+        let (before, after) = (self.mean(0, half), self.mean(half, self.frames));
+        let difference: Vec<f64> =
+            before.iter().zip(&after).map(|(one, other)| one - other).collect();
+        let mean = self.mean(0, self.frames);
+        // the halves differ by noise, too: twice its mean over a half is forgiven
+        let forgiven = 2.0 * (2.0 / half as f64).sqrt();
+        (self.size(&difference) < STEADY * self.size(&mean) + forgiven).then_some(mean)
+    }
+}
+
+/// A tenth of the median channel's noise; where most channels never change, a millionth of the largest
+/// voltage.
+fn floor_of(noise: &[f64], mean: &[f64]) -> f64 {
+    let mut sorted = noise.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted[sorted.len() / 2];
+    let largest = mean.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+    let quiet = sorted.iter().rev().find(|noise| **noise > 0.0).copied().unwrap_or(1e-6 * largest);
+    (if median > 0.0 { 0.1 * median } else { quiet }).max(f64::MIN_POSITIVE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use eit_fem::fabric::Random;
+
+    /// Frames of 12 values: `level` times a pattern, with noise of 1e-3.
+    fn frame(random: &mut Random, level: f64) -> Vec<f64> {
+        (0..12).map(|i| 1.0 + level * f64::from(i % 3) + 1e-3 * random.normal()).collect()
+    }
+
+    #[test]
+    fn each_press_is_told_once_and_only_when_held() {
+        let mut random = Random::new(5);
+        let untouched: Vec<_> = (0..20).map(|_| frame(&mut random, 0.0)).collect();
+        let mut watch = PressWatch::new(&untouched, 8).unwrap();
+        // rise, hold, fall to a residue of a tenth (memory), twice; then 200 frames of nothing
+        let press = (0..30).map(|k| (k as f64 / 10.0).min(1.0)).chain((0..20).map(|_| 0.1));
+        let levels = press.clone().chain(press).chain((0..200).map(|_| 0.1));
+        let (mut held, mut pressed_at_end) = (Vec::new(), false);
+        for (k, level) in levels.enumerate() {
+            match watch.push(&frame(&mut random, level)) {
+                PressState::Held(change) => held.push((k, change)),
+                state => pressed_at_end = state != PressState::Untouched,
+            }
+        }
+        assert_eq!(held.len(), 2, "{held:?}");
+        // the ramp ends in frame 10; 8 frames later the window is full of the press
+        assert!((10..=18).contains(&held[0].0), "{}", held[0].0);
+        assert!((60..=68).contains(&held[1].0), "{}", held[1].0);
+        // 1 and, over the residue, 0.9; a window of 8 may hold the end of the ramp
+        assert!((held[0].1[1] - 1.0).abs() < 0.1, "{:?}", held[0].1);
+        assert!((held[1].1[1] - 0.9).abs() < 0.1, "{:?}", held[1].1);
+        assert!(!pressed_at_end);
+    }
+
+    #[test]
+    fn noise_and_drift_are_no_press() {
+        let mut random = Random::new(6);
+        let untouched: Vec<_> = (0..20).map(|_| frame(&mut random, 0.0)).collect();
+        let mut watch = PressWatch::new(&untouched, 8).unwrap();
+        for k in 0..5000 {
+            // half the noise in ten frames
+            let state = watch.push(&frame(&mut random, 5e-5 * f64::from(k)));
+            assert_eq!(state, PressState::Untouched, "frame {k}");
+        }
+    }
+
+    #[test]
+    fn constant_channels_and_few_frames() {
+        assert!(PressWatch::new(&[vec![1.0]; 3], 8).is_err());
+        assert!(PressWatch::new(&[vec![1.0], vec![1.0], vec![1.0], vec![]], 8).is_err());
+        let mut watch = PressWatch::new(&vec![vec![1.0; 6]; 10], 4).unwrap();
+        assert_eq!(watch.push(&[1.0; 6]), PressState::Untouched);
+        assert_eq!(watch.push(&[f64::NAN; 6]), PressState::Untouched);
+        let states: Vec<_> = (0..5).map(|_| watch.push(&[1.1; 6])).collect();
+        assert!(states.iter().any(|state| matches!(state, PressState::Held(_))), "{states:?}");
+    }
+}
