@@ -1,12 +1,13 @@
 //! Spatio-temporal total variation of a problem of our own, one thread: whole sequences to a certified
-//! gap, with bounds, masked channels and data constraints; frames of a window, steady and at the onset
-//! of a touch; the choice of weights.
+//! gap, with bounds, masked channels and data constraints; frames of a window and of a causal stream, steady
+//! and at the onset of a touch; the choice of weights.
 #![allow(clippy::expect_used, reason = "a stage that fails must end the bench, not be timed")]
 
 use benches::{Result, problem};
 use criterion::{Criterion, SamplingMode};
 use eit_inverse::{
-    DifferenceFrames, Fidelity, Gradient, StTv, StTvSettings, StTvStream, Stop, StreamSettings,
+    CausalSettings, CausalStream, DifferenceFrames, Fidelity, Gradient, StTv, StTvSettings,
+    StTvStream, Stop, StreamSettings,
 };
 use eit_mesh::{Raster, generate};
 use fixtures::Random;
@@ -138,6 +139,23 @@ fn main() -> Result<()> {
                 stream.push(&silence, None).expect("a step");
             }
             black_box(stream.push(&rows[0], None).expect("a step").iterations)
+        });
+    });
+    let settings = CausalSettings { target_gap: 1e-2, ..Default::default() };
+    let mut causal = CausalStream::new(solver, settings)?;
+    group.bench_function("causal, a steady frame", |b| {
+        b.iter(|| {
+            let frame = to_and_fro.next().unwrap_or_default();
+            causal.push(&rows[frame], None).expect("a step").iterations
+        });
+    });
+    group.bench_function("causal, onset after rest", |b| {
+        b.iter(|| {
+            // eight frames of nothing bring the image to rest
+            for _ in 0..8 {
+                causal.push(&silence, None).expect("a step");
+            }
+            black_box(causal.push(&rows[0], None).expect("a step").iterations)
         });
     });
     group.finish();

@@ -39,7 +39,8 @@ fn needs_more(line: &str) -> bool {
 fn run(name: &str) -> usize {
     let folder = tempfile::tempdir().unwrap();
     let program = PathBuf::from(env!("CARGO_BIN_EXE_eit"));
-    let path = format!("{}:{}", program.parent().unwrap().display(), std::env::var("PATH").unwrap());
+    let path =
+        format!("{}:{}", program.parent().unwrap().display(), std::env::var("PATH").unwrap());
     let lines: Vec<String> =
         shell_lines(name).into_iter().filter(|line| !needs_more(line)).collect();
     for line in &lines {
@@ -61,7 +62,8 @@ fn commands_of_the_readme() {
 #[test]
 fn commands_of_the_guide_to_a_skin_of_ones_own() {
     let name = "docs/BUILD_A_SKIN.md";
-    let board: Vec<String> = shell_lines(name).into_iter().filter(|line| needs_more(line)).collect();
+    let board: Vec<String> =
+        shell_lines(name).into_iter().filter(|line| needs_more(line)).collect();
     // every command that needs the board is one that `init.rs`, `silence.rs` or `instruments.rs` runs
     assert!(board.len() >= 5, "{board:?}");
     assert!(run(name) >= 1);

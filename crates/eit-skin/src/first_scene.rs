@@ -275,6 +275,9 @@ mod tests {
             ..FirstScene::new(Outline::Disc { radius_m: 0.1 }, 16)
         };
         let said = wide.scene().unwrap_err().to_string();
-        assert_eq!(said, "electrodes of 100.0 mm overlap: 16 of them on this rim are 39.3 mm apart");
+        assert_eq!(
+            said,
+            "electrodes of 100.0 mm overlap: 16 of them on this rim are 39.3 mm apart"
+        );
     }
 }
