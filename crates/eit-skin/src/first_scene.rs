@@ -126,12 +126,18 @@ impl FirstScene {
     /// # Errors
     /// Sizes that are not above zero, electrodes that overlap, a protocol that the electrodes do not have.
     pub fn scene(&self) -> Result<Scene, SkinError> {
+        if self.electrodes < 4 {
+            return Err(SkinError::input(format!(
+                "{} electrodes: two drive and two others measure, so 4 or more are needed",
+                self.electrodes
+            )));
+        }
         let place = "the new skin";
         let mut scene: Scene = from_toml(&self.to_toml(&[]), place)?;
         place.clone_into(&mut scene.place);
         place.clone_into(&mut scene.name);
         scene.check()?;
-        let spacing_m = self.outline.rim_m() / self.electrodes.max(1) as f64;
+        let spacing_m = self.outline.rim_m() / self.electrodes as f64;
         if self.electrode_width_m >= spacing_m {
             return Err(SkinError::input(format!(
                 "electrodes of {:.1} mm overlap: {} of them on this rim are {:.1} mm apart",

@@ -22,19 +22,19 @@ pub(crate) struct InitArgs {
     #[arg(long, value_enum)]
     pub shape: Option<ShapeArg>,
     /// Radius of a disc, millimetres.
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub radius_mm: Option<f64>,
     /// Extent of a rectangle from left to right, millimetres.
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub width_mm: Option<f64>,
     /// Extent of a rectangle from bottom to top, millimetres.
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub height_mm: Option<f64>,
     /// Number of electrodes, equally spaced along the rim.
     #[arg(long, value_name = "N")]
     pub electrodes: Option<usize>,
     /// Length of rim that an electrode covers, millimetres [default: half of the spacing, 10 at most].
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     pub electrode_width_mm: Option<f64>,
     /// Where one of the electrodes is, counter-clockwise from the right as seen from the centre, degrees.
     /// Any of them: which one is the first is found by presses.

@@ -1,6 +1,6 @@
 //! Which electrode is the first, and which way they are counted.
 
-use super::protocols::{NODES, renumbered};
+use super::protocols::{NODES, is_signed, renumbered};
 use super::{FirstScene, Outline};
 use crate::error::SkinError;
 use crate::scene::{Direction, TouchSign};
@@ -83,7 +83,7 @@ pub fn find_numbering(
                 .map(|(change, bell)| cosine(&change, &model.jacobian.dot(bell)));
             let mean = cosines.sum::<f64>() / presses.len() as f64;
             // the untouched frame has its say where numberings differ in it
-            let untouched = model.likeness(reference).clamp(0.0, 1.0);
+            let untouched = model.likeness(reference);
             tried.push((mean * untouched, mean, start, is_clockwise));
         }
     }
@@ -189,11 +189,12 @@ impl Linear {
             .collect()
     }
 
-    /// Correlation of the magnitudes of the untouched frame.
+    /// Correlation of the untouched frame, whatever its polarity; of magnitudes where it has no signs.
     fn likeness(&self, reference: &[f64]) -> f64 {
-        let magnitudes: Vec<f64> = reference.iter().map(|value| value.abs()).collect();
-        let modelled: Vec<f64> = self.voltages.iter().map(|value| value.abs()).collect();
-        model_correlation(&magnitudes, &modelled).unwrap_or(0.0)
+        let value = |value: &f64| if is_signed(reference) { *value } else { value.abs() };
+        let measured: Vec<f64> = reference.iter().map(value).collect();
+        let modelled: Vec<f64> = self.voltages.iter().map(value).collect();
+        model_correlation(&measured, &modelled).map_or(0.0, f64::abs)
     }
 
     /// The point of a grid whose press is most like the change.

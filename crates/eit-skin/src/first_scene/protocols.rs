@@ -10,6 +10,8 @@ use eit_hw::{model_correlation, reciprocity_error};
 const MOST_ELECTRODES: usize = 64;
 /// Above this reciprocity error an order is doubted (as in [`eit_hw::recognise_order`]).
 const DOUBTED_ERROR: f64 = 0.2;
+/// A frame has both signs where the largest value of one is so much of the other's.
+const SIGNED: f64 = 0.05;
 /// Nodes of the mesh for the comparison: discretisation errs by some percent at the electrodes, wrong
 /// orders by tens.
 pub(super) const NODES: usize = 1500;
@@ -22,8 +24,8 @@ pub struct FittingProtocol {
     /// Reciprocity error of the frame in its order ([`reciprocity_error`]); `None` where it has no
     /// reciprocal pairs.
     pub reciprocity: Option<f64>,
-    /// Correlation of the magnitudes with those of the untouched model, for the numbering of the
-    /// electrodes that fits best; 1 is perfect.
+    /// Correlation with the untouched model, for the numbering of the electrodes that fits best; 1 is
+    /// perfect. Of magnitudes where all values have one sign; whatever the polarity otherwise.
     pub correlation: f64,
 }
 
@@ -53,7 +55,6 @@ pub fn fitting_protocols(
         let message = format!("value {} of the untouched frame is {}", at + 1, frame[at]);
         return Err(SkinError::input(message));
     }
-    let magnitudes: Vec<f64> = frame.iter().map(|value| value.abs()).collect();
     let counts = electrodes.map_or(4..=MOST_ELECTRODES, |count| count..=count);
     let mut fitting = Vec::new();
     for count in counts {
@@ -64,7 +65,7 @@ pub fn fitting_protocols(
         let model = Untouched::new(outline, count)?;
         for (protocol, quadruples) in candidates {
             let reciprocity = reciprocity_error(&quadruples, frame);
-            let correlation = model.correlation(&protocol, &magnitudes)?;
+            let correlation = model.correlation(&protocol, frame)?;
             fitting.push(FittingProtocol { protocol, reciprocity, correlation });
         }
     }
@@ -131,9 +132,10 @@ impl Untouched {
     }
 
     /// The correlation for the numbering that fits best.
-    fn correlation(&self, protocol: &PairProtocol, magnitudes: &[f64]) -> Result<f64, SkinError> {
+    fn correlation(&self, protocol: &PairProtocol, frame: &[f64]) -> Result<f64, SkinError> {
         let quadruples = protocol.quadruples()?;
-        let mut best = -1.0_f64;
+        let is_signed = is_signed(frame);
+        let mut best = 0.0_f64;
         for start in 0..self.starts {
             for is_clockwise in [false, true] {
                 let mapped = renumbered(&quadruples, protocol.electrodes, start, is_clockwise);
@@ -142,9 +144,11 @@ impl Untouched {
                 let (mesh, contacts) = (&self.skin.mesh, &self.skin.contact_impedance);
                 let model = ForwardModel::new(mesh, &protocol, contacts)?;
                 let voltages = model.forward(&self.skin.background_s())?;
-                let modelled: Vec<f64> = undriven(&mapped, voltages.iter().map(|v| v.abs()));
-                let measured: Vec<f64> = undriven(&mapped, magnitudes.iter().copied());
-                best = best.max(model_correlation(&measured, &modelled).unwrap_or(-1.0));
+                let value = |value: &f64| if is_signed { *value } else { value.abs() };
+                let modelled: Vec<f64> = undriven(&mapped, voltages.iter().map(value));
+                let measured: Vec<f64> = undriven(&mapped, frame.iter().map(value));
+                // a board's polarity is its own
+                best = best.max(model_correlation(&measured, &modelled).map_or(0.0, f64::abs));
                 if self.starts == 1 {
                     break;
                 }
@@ -152,6 +156,13 @@ impl Untouched {
         }
         Ok(best)
     }
+}
+
+/// Whether a frame holds values of both signs, beyond noise.
+pub(super) fn is_signed(frame: &[f64]) -> bool {
+    let [least, most] =
+        frame.iter().fold([0.0_f64; 2], |[l, m], value| [l.min(*value), m.max(*value)]);
+    -least > SIGNED * most && most > -SIGNED * least
 }
 
 /// Measurements without those on current-carrying electrodes, which hold the contact impedance.

@@ -50,8 +50,8 @@ impl Questions {
         loop {
             let text = self.ask(flag, question)?;
             match text.parse::<usize>() {
-                Ok(count) if count > 0 => return Ok(count),
-                _ => eprintln!("\"{text}\" is no count"),
+                Ok(count) if count >= 4 => return Ok(count),
+                _ => eprintln!("\"{text}\" is no count of 4 or more"),
             }
         }
     }

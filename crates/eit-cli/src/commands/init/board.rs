@@ -5,6 +5,7 @@ use super::{CLEAR, Found, UNLIKE};
 use crate::cli::InitArgs;
 use crate::error::CliError;
 use crate::progress;
+use eit_fem::PairProtocol;
 use eit_hw::Endpoint;
 use eit_hw::driver::{Event, Heard, Overflow, Session, listen};
 use eit_skin::connect;
@@ -38,20 +39,28 @@ pub(super) fn find(
     let heard =
         progress.stage("listen", || listen(&endpoint, Duration::from_secs_f64(args.listen_s)));
     let heard = heard?;
+    let mut rivals = Vec::new();
     if heard.frame_lines >= 2 {
-        text_board(&heard, first, &mut found)?;
+        rivals = text_board(&heard, first, &mut found)?;
     } else {
         other_board(port, &heard, first, &mut found)?;
     }
     found.lines.iter().for_each(|line| questions.say(line));
     if !args.no_presses {
-        numbering(args, first, &mut found, questions)?;
+        numbering(args, first, &rivals, &mut found, questions)?;
+    } else if let Some(rival) = rivals.first() {
+        found.warnings.push(format!("as likely is {}", words(rival)));
     }
     Ok(found)
 }
 
-/// A board that prints lines of numbers: which protocol has so many, in which order.
-fn text_board(heard: &Heard, first: &mut FirstScene, found: &mut Found) -> Result<(), CliError> {
+/// A board that prints lines of numbers: which protocol has so many, in which order. The others that fit
+/// as well.
+fn text_board(
+    heard: &Heard,
+    first: &mut FirstScene,
+    found: &mut Found,
+) -> Result<Vec<FittingProtocol>, CliError> {
     found.values = Some(heard.values);
     found.rate_hz = heard.rate_hz;
     let rate = heard.rate_hz.map_or(String::new(), |rate| format!(" at {rate:.1} a second"));
@@ -77,18 +86,6 @@ fn text_board(heard: &Heard, first: &mut FirstScene, found: &mut Found) -> Resul
     first.protocol = best.protocol.clone();
     found.reciprocity = best.reciprocity;
     found.correlation = Some(best.correlation);
-    let words = |fit: &FittingProtocol| {
-        let reciprocity = fit
-            .reciprocity
-            .map_or("none to be held against".to_owned(), |error| format!("{error:.3}"));
-        let (drive, measure) = (&fit.protocol.drive, &fit.protocol.measure);
-        format!(
-            "drive {drive:?}, measured {measure:?}, driven electrodes {:?}, order {:?} (reciprocity \
-             error {reciprocity}, correlation with the model {:.3})",
-            fit.protocol.driven_electrodes, fit.protocol.order, fit.correlation
-        )
-        .to_lowercase()
-    };
     found.lines.push(format!("What fits best: {}.", words(best)));
     if best.is_doubted() || best.correlation < UNLIKE {
         found.warnings.push(
@@ -97,13 +94,26 @@ fn text_board(heard: &Heard, first: &mut FirstScene, found: &mut Found) -> Resul
                 .to_owned(),
         );
     }
-    let rival = fitting.get(1).filter(|next| {
+    let is_rival = |next: &&FittingProtocol| {
         next.is_doubted() == best.is_doubted() && best.correlation - next.correlation < CLEAR
-    });
-    if let Some(next) = rival {
-        found.warnings.push(format!("as likely is {}", words(next)));
-    }
-    Ok(())
+    };
+    Ok(fitting[1..].iter().filter(is_rival).cloned().collect())
+}
+
+fn words(fit: &FittingProtocol) -> String {
+    let reciprocity = match fit.reciprocity {
+        Some(error) => format!("reciprocity error {error:.3}"),
+        None => "no reciprocal pairs".to_owned(),
+    };
+    let PairProtocol { drive, measure, driven_electrodes, order, .. } = &fit.protocol;
+    let pattern = format!(
+        "drive {drive:?}, measured {measure:?}, driven electrodes {driven_electrodes:?}, order {order:?}"
+    );
+    format!(
+        "{} ({reciprocity}, correlation with the model {:.3})",
+        pattern.to_lowercase(),
+        fit.correlation
+    )
 }
 
 /// Why no protocol fits, with the numbers of electrodes that would.
@@ -170,6 +180,7 @@ fn other_board(
 fn numbering(
     args: &InitArgs,
     first: &mut FirstScene,
+    rivals: &[FittingProtocol],
     found: &mut Found,
     questions: &Questions,
 ) -> Result<(), CliError> {
@@ -199,10 +210,27 @@ fn numbering(
             ))
         })?;
         questions.say("seen; let go");
+        released(&mut session, &mut watch, wait)?;
         presses.push(KnownPress { place_m, change });
     }
     session.stop();
-    let numbering = find_numbering(first, &reference, &presses)?;
+    let mut numbering = find_numbering(first, &reference, &presses)?;
+    // protocols that the untouched skin does not tell apart: the presses do
+    for rival in rivals {
+        let other = FirstScene { protocol: rival.protocol.clone(), ..first.clone() };
+        let of_other = find_numbering(&other, &reference, &presses)?;
+        let is_better = of_other.likeness > numbering.likeness;
+        let (likeness, next) = match is_better {
+            true => (of_other.likeness, numbering.likeness),
+            false => (numbering.likeness, of_other.likeness),
+        };
+        if is_better {
+            found.lines.push(format!("The presses are more like {}.", words(rival)));
+            (numbering, first.protocol) = (of_other, other.protocol);
+        }
+        (numbering.likeness, numbering.next_likeness) =
+            (likeness, numbering.next_likeness.max(next));
+    }
     first.first_angle_deg = numbering.first_angle_deg;
     first.direction = numbering.direction;
     first.sign = numbering.sign;
@@ -265,6 +293,20 @@ fn held(
         }
     }
     Ok(None)
+}
+
+/// Waits until nothing touches the skin.
+fn released(session: &mut Session, watch: &mut PressWatch, wait: Duration) -> Result<(), CliError> {
+    let start = Instant::now();
+    while start.elapsed() < wait {
+        if let Some(frame) = next(session)?
+            && watch.push(&frame) == PressState::Untouched
+        {
+            return Ok(());
+        }
+    }
+    let message = format!("the press did not end within {} s", wait.as_secs_f64());
+    Err(CliError::Failure(message))
 }
 
 /// The next frame, where one came.
