@@ -132,6 +132,14 @@ impl FirstScene {
                 self.electrodes
             )));
         }
+        let [x, y] = self.outline.half_extent_m();
+        if let Some(size_m) =
+            [x, y, self.electrode_width_m].iter().find(|s| !(s.is_finite() && **s > 0.0))
+        {
+            let message =
+                format!("a size of the skin is {size_m} m: it must be finite and above 0");
+            return Err(SkinError::input(message));
+        }
         let place = "the new skin";
         let mut scene: Scene = from_toml(&self.to_toml(&[]), place)?;
         place.clone_into(&mut scene.place);

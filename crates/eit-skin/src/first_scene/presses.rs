@@ -229,7 +229,7 @@ mod tests {
 
     #[test]
     fn constant_channels_and_few_frames() {
-        assert!(PressWatch::new(&[vec![1.0]; 3], 8).is_err());
+        assert!(PressWatch::new(&vec![vec![1.0]; 3], 8).is_err());
         assert!(PressWatch::new(&[vec![1.0], vec![1.0], vec![1.0], vec![]], 8).is_err());
         let mut watch = PressWatch::new(&vec![vec![1.0; 6]; 10], 4).unwrap();
         assert_eq!(watch.push(&[1.0; 6]), PressState::Untouched);

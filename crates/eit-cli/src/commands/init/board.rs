@@ -13,6 +13,7 @@ use eit_skin::first_scene::{
     FirstScene, FittingProtocol, KnownPress, PressState, PressWatch, find_numbering,
     fitting_protocols,
 };
+use eit_skin::scene::{Direction, TouchSign};
 use std::time::{Duration, Instant};
 
 /// Frames of the untouched skin, at least and over this time.
@@ -235,12 +236,19 @@ fn numbering(
     first.direction = numbering.direction;
     first.sign = numbering.sign;
     let worst_m = numbering.errors_m.iter().copied().fold(0.0, f64::max);
+    let counted = match numbering.direction {
+        Direction::Counterclockwise => "counter-clockwise",
+        Direction::Clockwise => "clockwise",
+    };
+    let changes = match numbering.sign {
+        TouchSign::Increase => "raises",
+        TouchSign::Decrease => "lowers",
+    };
     found.lines.push(format!(
-        "Two presses: electrode 1 is at {:.1} degrees, counted {:?}; a touch makes the conductivity \
-         {:?} (likeness {:.2}, next best {:.2}; the presses are found up to {:.0} mm off).",
+        "Two presses: electrode 1 is at {:.1} degrees, counted {counted}; a touch {changes} the \
+         conductivity (likeness to the model {:.2}, next best numbering {:.2}; presses are found up to \
+         {:.0} mm off).",
         numbering.first_angle_deg,
-        numbering.direction,
-        numbering.sign,
         numbering.likeness,
         numbering.next_likeness,
         worst_m * 1e3
