@@ -2,6 +2,7 @@
 
 mod ask;
 mod board;
+mod presses;
 
 use super::Answer;
 use crate::cli::{InitArgs, ShapeArg};

@@ -1,0 +1,174 @@
+//! The numbering of the electrodes, from two presses.
+
+use super::ask::Questions;
+use super::board::words;
+use super::{CLEAR, Found, UNLIKE};
+use crate::cli::InitArgs;
+use crate::error::CliError;
+use eit_hw::driver::{Event, Overflow, Session};
+use eit_skin::connect;
+use eit_skin::first_scene::{
+    FirstScene, FittingProtocol, KnownPress, PressState, PressWatch, find_numbering,
+};
+use eit_skin::scene::{Direction, TouchSign};
+use std::time::{Duration, Instant};
+
+/// Frames of the untouched skin, at least and over this time.
+const UNTOUCHED_FRAMES: usize = 20;
+const UNTOUCHED_S: f64 = 2.0;
+/// How long a press must be held, seconds.
+const HOLD_S: f64 = 0.5;
+/// Longest wait for the first frames.
+const FRAMES_WAIT: Duration = Duration::from_secs(20);
+
+/// Which electrode is the first, from two presses.
+pub(super) fn find(
+    args: &InitArgs,
+    first: &mut FirstScene,
+    rivals: &[FittingProtocol],
+    found: &mut Found,
+    questions: &Questions,
+) -> Result<(), CliError> {
+    let scene = first.scene()?;
+    let instrument = scene.instrument()?;
+    let mut session = connect::open(&instrument, args.port.as_deref(), Overflow::Fail)?;
+    questions.say("taking the untouched skin: touch nothing");
+    let untouched = untouched(&mut session)?;
+    let rate_hz = untouched.len() as f64 / UNTOUCHED_S;
+    let window = ((HOLD_S * rate_hz) as usize).clamp(4, 1000);
+    let mut watch = PressWatch::new(&untouched, window)?;
+    let reference = watch.reference().to_vec();
+    let mut presses = Vec::new();
+    for (at, place_m) in first.outline.press_places_m().into_iter().enumerate() {
+        let [x, y] = place_m.map(|m| m * 1e3);
+        let (from, side) = if at == 0 { (x, "right") } else { (y, "top") };
+        questions.say(&format!(
+            "press {} of 2: {from:.0} mm from the centre towards the {side}, with a finger; hold it",
+            at + 1
+        ));
+        let wait = Duration::from_secs_f64(args.press_wait_s);
+        let change = held(&mut session, &mut watch, wait)?.ok_or_else(|| {
+            CliError::Failure(format!(
+                "no press was held within {} s at ({x:.0}, {y:.0}) mm: press harder and hold still, or give \
+                 --no-presses",
+                args.press_wait_s
+            ))
+        })?;
+        questions.say("seen; let go");
+        released(&mut session, &mut watch, wait)?;
+        presses.push(KnownPress { place_m, change });
+    }
+    session.stop();
+    let mut numbering = find_numbering(first, &reference, &presses)?;
+    // protocols that the untouched skin does not tell apart: the presses do
+    for rival in rivals {
+        let other = FirstScene { protocol: rival.protocol.clone(), ..first.clone() };
+        let of_other = find_numbering(&other, &reference, &presses)?;
+        let is_better = of_other.likeness > numbering.likeness;
+        let (likeness, next) = match is_better {
+            true => (of_other.likeness, numbering.likeness),
+            false => (numbering.likeness, of_other.likeness),
+        };
+        if is_better {
+            found.lines.push(format!("The presses are more like {}.", words(rival)));
+            (numbering, first.protocol) = (of_other, other.protocol);
+        }
+        (numbering.likeness, numbering.next_likeness) =
+            (likeness, numbering.next_likeness.max(next));
+    }
+    first.first_angle_deg = numbering.first_angle_deg;
+    first.direction = numbering.direction;
+    first.sign = numbering.sign;
+    let worst_m = numbering.errors_m.iter().copied().fold(0.0, f64::max);
+    let counted = match numbering.direction {
+        Direction::Counterclockwise => "counter-clockwise",
+        Direction::Clockwise => "clockwise",
+    };
+    let changes = match numbering.sign {
+        TouchSign::Increase => "raises",
+        TouchSign::Decrease => "lowers",
+    };
+    found.lines.push(format!(
+        "Two presses: electrode 1 is at {:.1} degrees, counted {counted}; a touch {changes} the \
+         conductivity (likeness to the model {:.2}, next best numbering {:.2}; presses are found up to \
+         {:.0} mm off).",
+        numbering.first_angle_deg,
+        numbering.likeness,
+        numbering.next_likeness,
+        worst_m * 1e3
+    ));
+    if numbering.likeness < UNLIKE || numbering.likeness - numbering.next_likeness < CLEAR {
+        found.warnings.push(
+            "the presses do not tell the numbering for certain: press with one fingertip exactly at the \
+             places, or set first_angle_deg and direction by hand"
+                .to_owned(),
+        );
+    }
+    found.numbering = Some(numbering);
+    Ok(())
+}
+
+/// Frames of the untouched skin.
+fn untouched(session: &mut Session) -> Result<Vec<Vec<f64>>, CliError> {
+    let (start, mut frames, mut first) = (Instant::now(), Vec::new(), None::<Instant>);
+    while first.is_none_or(|first| {
+        frames.len() < UNTOUCHED_FRAMES || first.elapsed().as_secs_f64() < UNTOUCHED_S
+    }) {
+        if start.elapsed() > FRAMES_WAIT {
+            let message = format!(
+                "{} frames of the untouched skin came within {} s, {UNTOUCHED_FRAMES} are needed",
+                frames.len(),
+                FRAMES_WAIT.as_secs()
+            );
+            return Err(CliError::Silent(message));
+        }
+        if let Some(frame) = next(session)? {
+            first.get_or_insert_with(Instant::now);
+            frames.push(frame);
+        }
+    }
+    Ok(frames)
+}
+
+/// The change of the next press that is held; `None` where none came in time.
+fn held(
+    session: &mut Session,
+    watch: &mut PressWatch,
+    wait: Duration,
+) -> Result<Option<Vec<f64>>, CliError> {
+    let start = Instant::now();
+    while start.elapsed() < wait {
+        if let Some(frame) = next(session)?
+            && let PressState::Held(change) = watch.push(&frame)
+        {
+            return Ok(Some(change));
+        }
+    }
+    Ok(None)
+}
+
+/// Waits until nothing touches the skin.
+fn released(session: &mut Session, watch: &mut PressWatch, wait: Duration) -> Result<(), CliError> {
+    let start = Instant::now();
+    while start.elapsed() < wait {
+        if let Some(frame) = next(session)?
+            && watch.push(&frame) == PressState::Untouched
+        {
+            return Ok(());
+        }
+    }
+    let message = format!("the press did not end within {} s", wait.as_secs_f64());
+    Err(CliError::Failure(message))
+}
+
+/// The next frame, where one came.
+fn next(session: &mut Session) -> Result<Option<Vec<f64>>, CliError> {
+    match session.next_event(Duration::from_millis(100))? {
+        Some(Event::Frame(frame)) => {
+            let values = frame.values.clone();
+            session.recycle(frame);
+            Ok(Some(values))
+        }
+        _ => Ok(None),
+    }
+}
