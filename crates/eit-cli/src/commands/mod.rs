@@ -52,6 +52,16 @@ impl From<Answer> for Ended {
     }
 }
 
+/// Refuses `--frames 0`: nothing would come, and that is what a silent instrument is known by.
+fn check_frames(frames: Option<u64>) -> Result<(), CliError> {
+    match frames {
+        Some(0) => {
+            Err(CliError::input("--frames 0: it must be above 0; leave it out for no limit"))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Refuses an ending that the command does not write.
 fn check_ending(path: &Path, known: &[&str]) -> Result<String, CliError> {
     let found = ending(path);

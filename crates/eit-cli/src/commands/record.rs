@@ -23,6 +23,7 @@ const TOLD_SILENCE: Duration = Duration::from_millis(500);
 /// Records until enough frames came, the time is over, or Ctrl-C.
 pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let limit = duration(args.seconds)?;
+    super::check_frames(args.frames)?;
     let place = &args.out;
     super::check_ending(place, &["mcap"])?;
     if place.exists() && !args.append {
