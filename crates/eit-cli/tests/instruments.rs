@@ -76,6 +76,13 @@ fn record_takes_what_each_instrument_sends() {
             succeed(&["record", text(&scene), "--out", text(&out), "--frames", "60", "--json"]);
         let answer = json(&answer);
         assert_eq!((&answer["frames"], &answer["lost"]), (&60.into(), &0.into()), "{answer}");
+        // sent at 50 Hz; other tests have the processor for up to half of the 1.2 s, and what waited
+        // meanwhile comes at once
+        let rate_hz = answer["frame_rate_hz"].as_f64().unwrap();
+        assert!((25.0..100.0).contains(&rate_hz), "{answer}");
+        // not shorter than the mean
+        let wait_s = answer["longest_wait_s"].as_f64().unwrap();
+        assert!((0.01..1.2).contains(&wait_s), "{answer}");
         let table = folder.path().join("press.csv");
         succeed(&["convert", text(&out), "--out", text(&table), "--scene", text(&scene)]);
         let options =

@@ -9,6 +9,7 @@ pub(crate) mod devices;
 mod electrode_watch;
 pub(crate) mod emulate;
 pub(crate) mod forward;
+mod frame_rate;
 pub(crate) mod jacobian;
 pub(crate) mod learn;
 pub(crate) mod live;
