@@ -1,4 +1,5 @@
-//! Ctrl-C, the end of the terminal and a request to terminate end live commands cleanly: what is written is complete and named.
+//! Ctrl-C, the end of the terminal and a request to terminate end live commands cleanly: what is written
+//! is complete and named.
 
 use crate::error::CliError;
 use eit_skin::StopFlag;
@@ -13,7 +14,9 @@ pub(crate) fn listen() -> Result<StopFlag, CliError> {
     {
         use signal_hook::consts::{SIGHUP, SIGXFSZ};
         // a terminal that is closed ends it like Ctrl-C; where `nohup` asked for it, it goes on
-        signal_hook::flag::register(SIGHUP, stop.shared()).map_err(failed)?;
+        if !is_ignored(SIGHUP) {
+            signal_hook::flag::register(SIGHUP, stop.shared()).map_err(failed)?;
+        }
         // a file beyond the user's limit is an error of its write, and no end of the program
         signal_hook::flag::register(SIGXFSZ, Arc::default()).map_err(failed)?;
     }
@@ -25,4 +28,29 @@ pub(crate) fn listen() -> Result<StopFlag, CliError> {
         signal_hook::flag::register(signal, stop.shared()).map_err(failed)?;
     }
     Ok(stop)
+}
+
+/// Whether whoever started the program has it ignore this signal. A handler would undo that, and asking
+/// the system directly needs `unsafe`; where nobody tells, it is not ignored.
+#[cfg(unix)]
+fn is_ignored(signal: i32) -> bool {
+    // bit 0 is signal 1
+    ignored_signals().is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+}
+
+/// Linux: a line of the process's status.
+#[cfg(target_os = "linux")]
+fn ignored_signals() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"))?;
+    u64::from_str_radix(mask.trim(), 16).ok()
+}
+
+/// Other Unix systems, such as macOS: what `ps` says of the process.
+#[cfg(all(unix, not(target_os = "linux")))]
+fn ignored_signals() -> Option<u64> {
+    let id = std::process::id().to_string();
+    let output = std::process::Command::new("ps").args(["-o", "sigignore=", "-p", &id]).output();
+    let text = String::from_utf8(output.ok()?.stdout).ok()?;
+    u64::from_str_radix(text.trim().trim_start_matches("0x"), 16).ok()
 }

@@ -162,6 +162,63 @@ fn frames_that_cannot_be() {
     }
 }
 
+/// What would take more memory than there is, is refused with its size, before it is taken: below a limit
+/// of 1.2 GB of addresses, where one raster of so many pixels takes 1.8 GB.
+#[cfg(unix)]
+#[test]
+fn images_beyond_memory_are_refused_before_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let frames = folder.path().join("f.csv");
+    let run = |rows: usize, electrodes: usize, method: &str| {
+        let keys = format!("[reconstruction]\nmethod = \"{method}\"\npixels = 4096\n[mesh]");
+        let content =
+            SMALL.replace("count = 8", &format!("count = {electrodes}")).replace("[mesh]", &keys);
+        let scene = write_scene(folder.path(), &content);
+        std::fs::write(&frames, csv(rows, electrodes * (electrodes - 3), None)).unwrap();
+        let line = format!(
+            "ulimit -v 1200000; exec {} reconstruct {} --frames {} --reference 0 --out {}",
+            env!("CARGO_BIN_EXE_eit"),
+            text(&scene),
+            text(&frames),
+            text(&folder.path().join("out"))
+        );
+        let output = std::process::Command::new("sh").args(["-c", &line]).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        said
+    };
+    for method in ["st-tv", "gauss-newton"] {
+        let said = run(302, 8, method);
+        assert!(said.contains("302 images of 4096 x 4096 pixels take 41 GB"), "{said}");
+    }
+    // the images would fit, but not what they are made by
+    let said = run(3, 16, "st-tv");
+    assert!(said.contains("208 measurements on 4096 x 4096 pixels take 28 GB"), "{said}");
+}
+
+/// The limits themselves are none of what is refused.
+#[test]
+fn limits_of_electrodes_and_nodes() {
+    let folder = tempfile::tempdir().unwrap();
+    let plan = |from: &str, to: &str| {
+        let scene = write_scene(folder.path(), &SMALL.replace(from, to));
+        refuse(&["plan", text(&scene)])
+    };
+    let said = plan("count = 8", "count = 2049");
+    assert!(said.contains("2049 electrodes: a skin has at most 2048"), "{said}");
+    // refused all the same: they do not fit the rim
+    let said = plan("count = 8", "count = 2048");
+    assert!(!said.contains("at most"), "{said}");
+    for key in ["nodes", "node_limit"] {
+        let said = plan("edge_m = 0.012", &format!("{key} = 20000001"));
+        let wanted = format!("mesh.{key} is 20000001: it must be at most 20000000");
+        assert!(said.contains(&wanted), "{said}");
+        // a scene with another fault
+        let said = plan("edge_m = 0.012", &format!("{key} = 20000000\n[touch]\nradius_m = -1.0"));
+        assert!(said.contains("touch.radius_m is -1"), "{said}");
+    }
+}
+
 #[test]
 fn missing_files() {
     let found = refuse(&["reconstruct", "paper-disc", "--out", "unused-folder"]);

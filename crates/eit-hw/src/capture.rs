@@ -7,6 +7,7 @@
 //! read back. docs/RECORDING.md has the schemas.
 
 mod container;
+mod content;
 mod entry;
 mod json;
 mod read;
@@ -17,10 +18,11 @@ mod stream;
 mod unpack;
 mod write;
 
+pub use container::MAGIC;
 pub use entry::Entry;
 pub(crate) use read::read_frames;
 pub use read::{Capture, parse, read};
 pub use record::{ReferenceRecord, SessionRecord, TouchRecord, TouchesRecord, UnitName};
 pub use recover::{Recovered, recover};
-pub use stream::{CaptureReader, Damage};
+pub use stream::{CaptureReader, Damage, MessageTimes};
 pub use write::{CaptureSettings, CaptureWriter, CutTail};

@@ -521,6 +521,14 @@ pub enum HwError {
         /// Frames the queue holds.
         capacity: usize,
     },
+    /// A damaged recording without one whole message.
+    #[error("{place}: none of its {bytes} bytes are a whole message: there is nothing to recover")]
+    NothingWhole {
+        /// Where the trouble is.
+        place: Place,
+        /// Bytes of the file.
+        bytes: u64,
+    },
     /// A recording that cannot be written.
     #[error("{place}: cannot be written: {source}; check disk space and permissions")]
     Write {

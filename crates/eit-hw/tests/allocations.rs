@@ -171,54 +171,22 @@ fn a_recorder_allocates_nothing_per_frame() {
     writer.finish().unwrap();
 }
 
-/// The bytes of a chunk of unpacked records that is packed with LZ4.
-fn packed_chunk(content: &[u8]) -> Vec<u8> {
-    let mut packed = lz4::EncoderBuilder::new().build(Vec::new()).unwrap();
-    std::io::Write::write_all(&mut packed, content).unwrap();
-    let packed = packed.finish().0;
-    let mut body = [0_u64.to_le_bytes(), 1_u64.to_le_bytes()].concat();
-    body.extend((content.len() as u64).to_le_bytes());
-    body.extend(0_u32.to_le_bytes());
-    body.extend(3_u32.to_le_bytes());
-    body.extend(b"lz4");
-    body.extend((packed.len() as u64).to_le_bytes());
-    body.extend(packed);
-    [&[6][..], &(body.len() as u64).to_le_bytes(), &body].concat()
-}
-
-fn record(op: u8, body: &[u8]) -> Vec<u8> {
-    [&[op][..], &(body.len() as u64).to_le_bytes(), body].concat()
-}
-
 /// Whatever a file says, reading it message by message takes at most 64 MB and twice its size: a message of 7 MB of zeros
 /// that is packed 200 times, a reference of as many, a chunk at the limit, lengths that lie.
 #[test]
 fn a_hostile_recording_takes_little_memory() {
+    use common::recordings::{channel, container, frame_json, lz4_chunk, message, zeros};
     use eit_hw::capture::{CaptureReader, parse};
-    let text = |text: &str| [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
-    let channel = |id: u16, topic: &str| {
-        let ids = [id.to_le_bytes(), 0_u16.to_le_bytes()].concat();
-        record(4, &[ids, text(topic), text("json"), 0_u32.to_le_bytes().to_vec()].concat())
-    };
-    let message = |channel: u16, json: &str| {
-        let body = [&channel.to_le_bytes()[..], &[0; 20], json.as_bytes()].concat();
-        record(5, &body)
-    };
-    let zeros = |count: usize| vec!["0"; count].join(",");
-    let frame = |count: usize| {
-        let head = r#"{"sequence":0,"epoch":0,"device_time_s":null,"host_time_s":null,"values":["#;
-        format!("{head}{}]}}", zeros(count))
-    };
     let channels = [channel(1, "/eit/frame"), channel(2, "/eit/reference")].concat();
     let reference = format!("{{\"epoch\":0,\"values\":[{}]}}", zeros(3_500_000));
     let contents = [
-        message(1, &frame(200_000)).repeat(40),
-        message(1, &frame(3_500_000)).repeat(2),
-        message(2, &reference).repeat(2),
+        message(1, &frame_json(&zeros(200_000))).repeat(40),
+        message(1, &frame_json(&zeros(3_500_000))).repeat(2),
+        message(2, reference.as_bytes()).repeat(2),
     ];
     for (index, content) in contents.iter().enumerate() {
-        let chunk = packed_chunk(&[&channels[..], content].concat());
-        let bytes = [&b"\x89MCAP0\r\n"[..], &chunk.repeat(10)].concat();
+        let chunk = lz4_chunk(&[&channels[..], content].concat());
+        let bytes = container(&[chunk.repeat(10)]);
         let path = std::path::Path::new("hostile.mcap");
         let most = (64 << 20) + 2 * bytes.len() as u64;
         let streamed = measure(|| {

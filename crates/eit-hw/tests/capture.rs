@@ -14,6 +14,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+use common::recordings::{container, frame, session};
 use common::rotated;
 use eit_hw::capture::{
     Capture, CaptureSettings, CaptureWriter, Entry, ReferenceRecord, SessionRecord, TouchRecord,
@@ -21,34 +22,6 @@ use eit_hw::capture::{
 };
 use eit_hw::driver::{Event, FrameSource as _, Pace, Replay};
 use eit_hw::{Component, Format, Frame, HwError, Quality, ReadOptions, Unit, read_recording};
-
-fn session() -> SessionRecord {
-    SessionRecord {
-        driver: "eits1".into(),
-        instrument: "emulated skin".into(),
-        serial: "7".into(),
-        unit: UnitName::Volt,
-        quadruples: rotated(16),
-        current_a: Some(1e-4),
-        frequency_hz: None,
-        frame_rate_hz: Some(25.0),
-        scene_toml: "[skin]\nshape = \"disc\"\n".into(),
-        recorder: "test".into(),
-    }
-}
-
-fn frame(sequence: u64) -> Frame {
-    let value = |index: u64| ((sequence * 208 + index) as f64 * 0.618_033_988_749).sin() * 1e-3;
-    Frame {
-        values: (0..208).map(value).collect(),
-        imaginary: None,
-        quality: vec![Quality::GOOD; 208],
-        sequence,
-        epoch: 0,
-        device_time_s: Some(sequence as f64 / 25.0),
-        host_time_s: Some(1.79e9 + sequence as f64 / 25.0),
-    }
-}
 
 fn entries(count: u64) -> Vec<Entry> {
     let mut entries = vec![Entry::Session(session())];
@@ -348,8 +321,7 @@ fn what_cannot_be_written_or_read_is_told() {
     std::fs::write(&not, b"1,2,3\n").unwrap();
     assert!(matches!(read(&not), Err(HwError::Container { .. })));
     assert!(matches!(read(&folder.path().join("none")), Err(HwError::Read { .. })));
-    let garbage: Vec<u8> =
-        b"\x89MCAP0\r\n".iter().copied().chain((0..255).cycle().take(9999)).collect();
+    let garbage = container(&[(0..255).cycle().take(9999).collect()]);
     let capture: Capture = parse(&garbage, &not).unwrap();
     assert!(capture.entries.is_empty() && capture.damage.unfinished);
 }

@@ -291,6 +291,37 @@ fn a_silent_instrument_is_told() {
     }
 }
 
+/// 2.5 s from frame to frame, as of a slow board that writes lines: longer than the silence and the stall of
+/// an instrument at ten frames a second.
+#[test]
+fn a_slow_board_is_neither_silent_nor_set_up_anew() {
+    let board = Board::preset("serial-16").unwrap();
+    let source = |sequence: u64, _: &[Quadruple], values: &mut [f64]| {
+        values.iter_mut().enumerate().for_each(|(i, value)| *value = (sequence + i as u64) as f64);
+    };
+    let device = BoardDevice::new(board.clone(), 0.4, Box::new(source));
+    let listen = Listen::Tcp("127.0.0.1:0".into());
+    let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
+    let settings = SessionSettings::default();
+    let session = Session::open(board.driver().unwrap(), emulator.endpoint(), settings).unwrap();
+    let (start, mut frames) = (Instant::now(), 0);
+    while frames < 4 {
+        assert!(start.elapsed() < LIMIT, "{frames} frames");
+        match session.next_event(WAIT).unwrap() {
+            Some(Event::Frame(frame)) => {
+                assert_eq!(frame.epoch, 0);
+                frames += 1;
+            }
+            Some(other @ (Event::Silent { .. } | Event::Disconnected { .. })) => {
+                panic!("after {frames} frames: {other:?}")
+            }
+            _ => {}
+        }
+    }
+    let statistics = session.statistics();
+    assert_eq!((statistics.reconnections, statistics.silent_s), (0, 0.0));
+}
+
 #[test]
 fn eits1_complex_values_and_flags_of_the_values_themselves() {
     let listen = Listen::Tcp("127.0.0.1:0".into());

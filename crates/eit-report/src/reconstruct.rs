@@ -17,7 +17,9 @@ use eit_skin::denoise::{Check, Net};
 use eit_skin::method::{self, Method};
 use eit_skin::movement::WithoutMovement;
 use eit_skin::scene::{DifferenceKind, Reference};
-use eit_skin::{FittedFrames, MeshOverride, Progress, Scene, Skin};
+use eit_skin::{
+    FittedFrames, MeshOverride, Progress, Scene, Skin, check_images, check_pixel_jacobian,
+};
 use ndarray::{Array3, ArrayView3};
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -79,10 +81,14 @@ pub fn run(args: &ReconstructSettings, progress: &mut Progress) -> Result<Answer
     let reference = args.reference.clone().map(Reference::Text);
     let frames =
         progress.stage("read frames", || skin.read_frames(&args.frames, reference.as_ref()))?;
+    check_images(frames.values.nrows(), skin.pixels())?;
     let count = Some(frames.values.nrows());
     let linearised = skin.linearise(progress)?.in_frame_time(count, false)?;
     let settings = &linearised.skin.settings;
     let choice = method::choose(settings, args.method.as_deref(), count)?;
+    if matches!(choice.method, Method::StTv | Method::Tv) {
+        check_pixel_jacobian(frames.values.ncols(), linearised.skin.pixels())?;
+    }
     let net = skin.net()?;
     let mut fitted = Arc::new(linearised).fit(frames)?;
     let found = eit_skin::touches::touches(&fitted, progress)?;

@@ -40,8 +40,8 @@ pub fn run(args: &SimulateSettings, progress: &mut Progress) -> Result<Answer, R
     };
     let skin = Skin::set_up(&scene, &MeshOverride { file: None, nodes }, progress)?;
     let script = script(args, file, &skin.mesh)?;
+    check_images(2 * script.frames, skin.pixels())?;
     let raster = skin.raster(progress)?;
-    check_images(2 * script.frames, &raster)?;
     let threads = match args.threads {
         Some(threads) => threads,
         None => std::thread::available_parallelism().map_or(1, usize::from),

@@ -53,5 +53,8 @@ pub use linearised::LinearisedSkin;
 pub use live::{LiveFrame, LiveModel, LiveObserver, LiveStream, Pushed, Sensor, TouchFrame};
 pub use progress::{Observer, Progress, Silent, StageTime, Steps};
 pub use scene::Scene;
-pub use skin::{DEFAULT_PIXELS, MeshOverride, Skin, SkinModel, check_images, rounding_warning};
+pub use skin::{
+    DEFAULT_PIXELS, MeshOverride, Skin, SkinModel, check_images, check_pixel_jacobian,
+    rounding_warning,
+};
 pub use stop::StopFlag;

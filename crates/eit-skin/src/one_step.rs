@@ -130,7 +130,7 @@ impl Imaging {
         progress: &mut Progress,
     ) -> Result<ImageStack, SkinError> {
         let count = frames.values.nrows();
-        check_images(count, &self.raster)?;
+        check_images(count, self.raster.pixels())?;
         progress.steps("images", count, |bar| {
             let reconstructor = self.difference.on_raster(self.raster.pixel_from_element())?;
             let mut pixels = Array2::zeros((count, self.raster.masked_pixels().len()));

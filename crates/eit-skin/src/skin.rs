@@ -377,18 +377,37 @@ pub(crate) fn warning_of_loss(loss: f64) -> Result<Option<String>, SkinError> {
     }))
 }
 
-/// Refuses more images than memory holds.
+/// Refuses more images of `pixels` x `pixels` than memory holds; before a raster is made, which takes some
+/// 1.8 GB for 4096.
 ///
 /// # Errors
 ///
 /// More than 8 GB of them.
-pub fn check_images(count: usize, raster: &Raster) -> Result<(), SkinError> {
-    let bytes = 8.0 * count as f64 * (raster.pixels() as f64).powi(2);
+pub fn check_images(count: usize, pixels: usize) -> Result<(), SkinError> {
+    let bytes = 8.0 * count as f64 * (pixels as f64).powi(2);
     if bytes > MOST_BYTES {
         return Err(SkinError::TooLarge {
-            what: format!("{count} images of {0} x {0} pixels", raster.pixels()),
+            what: format!("{count} images of {pixels} x {pixels} pixels"),
             gigabytes: 1e-9 * bytes,
             advice: "use fewer [reconstruction] pixels or fewer frames",
+        });
+    }
+    Ok(())
+}
+
+/// Refuses a Jacobian on so many pixels x pixels, as total variation needs it, that memory does not hold;
+/// before a raster is made.
+///
+/// # Errors
+///
+/// More than 8 GB of it.
+pub fn check_pixel_jacobian(measurements: usize, pixels: usize) -> Result<(), SkinError> {
+    let bytes = 8.0 * measurements as f64 * (pixels as f64).powi(2);
+    if bytes > MOST_BYTES {
+        return Err(SkinError::TooLarge {
+            what: format!("{measurements} measurements on {pixels} x {pixels} pixels"),
+            gigabytes: 1e-9 * bytes,
+            advice: "use fewer [reconstruction] pixels, or method = \"gauss-newton\"",
         });
     }
     Ok(())

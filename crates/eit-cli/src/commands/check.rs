@@ -19,6 +19,9 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
         let message = format!("--seconds {}: it must be above 0, to 3600", args.seconds);
         return Err(CliError::input(message));
     }
+    if args.frames == 0 {
+        return Err(CliError::input("--frames 0: it must be above 0"));
+    }
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;
     let mut progress = progress::terminal();

@@ -6,7 +6,7 @@ use self::streamed::{Source, Streamed};
 use super::{Answer, check_ending};
 use crate::cli::ConvertArgs;
 use crate::error::CliError;
-use eit_hw::capture::{CaptureSettings, CaptureWriter, SessionRecord};
+use eit_hw::capture::{CaptureSettings, CaptureWriter, MAGIC, SessionRecord};
 use eit_hw::{Component, Frame, Layout, Quadruple, Recording};
 use eit_report::output::{OutFile, write_csv, write_npy};
 use eit_skin::scene::Scene;
@@ -29,6 +29,10 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     let ending = check_ending(&args.out, &["mcap", "csv", "npy"])?;
     if ending == "mcap" && args.out.exists() {
         let message = "exists, and a recording is never written over: name another file";
+        return Err(CliError::input(format!("{}: {message}", args.out.display())));
+    }
+    if is_same_file(&args.input, &args.out) {
+        let message = "is what is converted, and would be lost: name another file";
         return Err(CliError::input(format!("{}: {message}", args.out.display())));
     }
     let scene = args.scene.as_deref().map(Scene::load).transpose()?;
@@ -56,6 +60,34 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     }
     let count = table.real.ncols();
     Ok(answer(args, &Counts { written, skipped, count, complex, flagged }, &notes))
+}
+
+/// Whether both are there and are one, by whatever names.
+fn is_same_file(one: &Path, other: &Path) -> bool {
+    match (one.canonicalize(), other.canonicalize()) {
+        (Ok(one), Ok(other)) => one == other,
+        _ => false,
+    }
+}
+
+/// Ends a new recording; where something has failed, it is removed: it would look like a whole one.
+fn whole_or_none(
+    writer: CaptureWriter,
+    written: Result<(), CliError>,
+    place: &Path,
+) -> Result<(), CliError> {
+    let ended = match written {
+        Ok(()) => writer.finish().map_err(CliError::from),
+        Err(error) => {
+            drop(writer);
+            Err(error)
+        }
+    };
+    if ended.is_err() {
+        // it was made for this alone; the error says what matters
+        let _ = std::fs::remove_file(place);
+    }
+    ended
 }
 
 /// What was converted.
@@ -95,14 +127,11 @@ fn is_recording(path: &Path) -> Result<bool, CliError> {
     }
     let mut start = Vec::new();
     let file = eit_hw::regular_file(path)?;
-    file.take(MCAP.len() as u64)
+    file.take(MAGIC.len() as u64)
         .read_to_end(&mut start)
         .map_err(|error| CliError::input(format!("{}: {error}", path.display())))?;
-    Ok(start == MCAP)
+    Ok(start == MAGIC)
 }
-
-/// First bytes of a recording.
-const MCAP: &[u8] = b"\x89MCAP0\r\n";
 
 fn stream(args: &ConvertArgs, ending: &str, scene: Option<&Scene>) -> Result<Answer, CliError> {
     if args.complex {
@@ -121,19 +150,7 @@ fn stream(args: &ConvertArgs, ending: &str, scene: Option<&Scene>) -> Result<Ans
     }
     let (source, found) = Source::new(&args.input, quadruples)?;
     let Streamed { frames, complex, unfinished, flagged, damage, .. } = found;
-    let mut notes = Vec::new();
-    if damage.is_any() {
-        notes.push(
-            eit_hw::Note::Damaged {
-                chunks: damage.bad_chunks,
-                mended: damage.mended_chunks,
-                messages: damage.bad_messages,
-                skipped_bytes: damage.skipped_bytes,
-                truncated_bytes: damage.truncated_bytes,
-            }
-            .to_string(),
-        );
-    }
+    let mut notes: Vec<String> = damage.note().map(|note| note.to_string()).into_iter().collect();
     let skipped = match ending {
         "mcap" => {
             source.write_mcap(&args.out)?;
@@ -205,7 +222,7 @@ fn write_mcap(args: &ConvertArgs, recording: &Recording, table: &Table) -> Resul
     let settings = CaptureSettings::default();
     let mut writer = CaptureWriter::create(&args.out, &session, settings)
         .map_err(|error| CliError::input(error.to_string()))?;
-    for row in 0..table.real.nrows() {
+    let written = (0..table.real.nrows()).try_for_each(|row| {
         writer.frame(&Frame {
             values: table.real.row(row).to_vec(),
             imaginary: table.imaginary.as_ref().map(|parts| parts.row(row).to_vec()),
@@ -214,9 +231,9 @@ fn write_mcap(args: &ConvertArgs, recording: &Recording, table: &Table) -> Resul
             epoch: 0,
             device_time_s: recording.device_time_s.as_ref().map(|times| times[row]),
             host_time_s: None,
-        })?;
-    }
-    writer.finish()?;
+        })
+    });
+    whole_or_none(writer, written.map_err(CliError::from), &args.out)?;
     Ok(table.real.nrows())
 }
 

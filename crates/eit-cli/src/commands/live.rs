@@ -16,6 +16,7 @@ use std::sync::Arc;
 /// Watches until Ctrl-C, the end of `--seconds` or enough frames.
 pub(crate) fn run(args: &LiveArgs, is_json: bool) -> Result<Ended, CliError> {
     let limit = record::duration(args.seconds)?;
+    super::check_frames(args.watch.frames)?;
     let publisher = publish::open(&args.watch.publish, is_json)?;
     let scene = Scene::load(&args.scene)?;
     let instrument = scene.instrument()?;

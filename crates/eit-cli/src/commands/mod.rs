@@ -10,6 +10,7 @@ mod electrode_watch;
 pub(crate) mod emulate;
 pub(crate) mod forward;
 pub(crate) mod init;
+mod frame_rate;
 pub(crate) mod jacobian;
 pub(crate) mod learn;
 pub(crate) mod live;
@@ -50,6 +51,16 @@ pub(crate) struct Ended {
 impl From<Answer> for Ended {
     fn from(answer: Answer) -> Self {
         Self { answer, exit_code: 0 }
+    }
+}
+
+/// Refuses `--frames 0`: nothing would come, and that is what a silent instrument is known by.
+fn check_frames(frames: Option<u64>) -> Result<(), CliError> {
+    match frames {
+        Some(0) => {
+            Err(CliError::input("--frames 0: it must be above 0; leave it out for no limit"))
+        }
+        _ => Ok(()),
     }
 }
 

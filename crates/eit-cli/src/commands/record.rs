@@ -1,6 +1,7 @@
 //! `eit record`: a live instrument into a crash-safe recording.
 
 use super::electrode_watch::ElectrodeWatch;
+use super::frame_rate::FrameRate;
 use super::{Answer, Ended, SILENT};
 use crate::cli::RecordArgs;
 use crate::error::CliError;
@@ -23,6 +24,7 @@ const TOLD_SILENCE: Duration = Duration::from_millis(500);
 /// Records until enough frames came, the time is over, or Ctrl-C.
 pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let limit = duration(args.seconds)?;
+    super::check_frames(args.frames)?;
     let place = &args.out;
     super::check_ending(place, &["mcap"])?;
     if place.exists() && !args.append {
@@ -59,7 +61,13 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     }
     let cut = writer.cut_tail().cloned();
     let electrodes = ElectrodeWatch::new(&instrument);
-    let mut taken = Taken { frames: 0, notes: 0, silent_since: Some(Instant::now()), electrodes };
+    let mut taken = Taken {
+        frames: 0,
+        notes: 0,
+        rate: FrameRate::default(),
+        silent_since: Some(Instant::now()),
+        electrodes,
+    };
     let ended = progress.steps("recording; Ctrl-C ends it", 0, |bar| {
         let start = Instant::now();
         while taken.frames < args.frames.unwrap_or(u64::MAX)
@@ -74,7 +82,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
                 let silent_s = since.elapsed().as_secs_f64();
                 bar.set_message(&format!("NO FRAME for {silent_s:.0} s; Ctrl-C ends it"));
             } else if taken.frames.is_multiple_of(16) {
-                bar.set_message(&format!("{} frames; Ctrl-C ends it", taken.frames));
+                bar.set_message(&taken.progress(session.statistics().lost));
             }
         }
         Ok(interrupt.is_set())
@@ -117,12 +125,19 @@ pub(super) fn duration(seconds: Option<f64>) -> Result<Option<Duration>, CliErro
 struct Taken {
     frames: u64,
     notes: u64,
+    rate: FrameRate,
     /// Since when no frame has come, once that was told; also before the first.
     silent_since: Option<Instant>,
     electrodes: ElectrodeWatch,
 }
 
 impl Taken {
+    /// What is seen while it is recorded.
+    fn progress(&self, lost: u64) -> String {
+        let rate = self.rate.recent_hz().map_or(String::new(), |hz| format!(", {hz:.1} a second"));
+        format!("{} frames{rate}, {lost} lost; Ctrl-C ends it", self.frames)
+    }
+
     /// Waits for an event and records it; false where none came.
     fn next(
         &mut self,
@@ -135,6 +150,7 @@ impl Taken {
             Some(Event::Frame(frame)) => {
                 writer.frame(&frame)?;
                 self.frames += 1;
+                self.rate.frame(Instant::now());
                 self.silent_since = None;
                 let Self { electrodes, notes, .. } = self;
                 electrodes.push(&frame, |words| {
@@ -211,11 +227,12 @@ fn answer(
     let bytes = std::fs::metadata(place).map_or(0, |data| data.len());
     let new_bytes = bytes.saturating_sub(bytes_before);
     let text = format!(
-        "{} frames of {} in {}, {:.1} kB a frame; {} lost, {} with flagged values, {} damaged \
+        "{} frames of {} in {}{}, {:.1} kB a frame; {} lost, {} with flagged values, {} damaged \
          bytes, {} reconnections",
         taken.frames,
         session.setup().identity,
         place.display(),
+        taken.rate.words(),
         1e-3 * new_bytes as f64 / taken.frames.max(1) as f64,
         statistics.lost,
         statistics.flagged,
@@ -229,6 +246,8 @@ fn answer(
         "instrument": session.setup().identity.to_string(),
         "frames": taken.frames,
         "notes": taken.notes,
+        "frame_rate_hz": taken.rate.mean_hz(),
+        "longest_wait_s": taken.rate.longest_wait_s(),
         "lost": statistics.lost,
         "flagged": statistics.flagged,
         "damaged_bytes": statistics.damaged_bytes,

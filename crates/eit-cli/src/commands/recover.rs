@@ -3,8 +3,10 @@
 use super::{Answer, check_ending};
 use crate::cli::RecoverArgs;
 use crate::error::CliError;
+use eit_hw::HwError;
 use eit_hw::capture::{Damage, Recovered, recover};
 use serde_json::json;
+use std::io::ErrorKind::StorageFull;
 
 /// Writes the new recording and says what is missing in it.
 pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
@@ -15,8 +17,18 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
             args.out.display()
         )));
     }
-    let Recovered { frames, messages, attachments, bad_attachments, damage } =
-        recover(&args.input, &args.out)?;
+    let recovered = recover(&args.input, &args.out).map_err(|error| match error {
+        // a place where no file can be made is bad input, other than a disk that gets full
+        HwError::Write { ref source, .. } if source.kind() != StorageFull => {
+            CliError::input(error.to_string())
+        }
+        HwError::Read { .. } if args.out.exists() => {
+            let what = "it cannot be read any further, and what came before is in";
+            CliError::Failure(format!("{error}; {what} {}", args.out.display()))
+        }
+        _ => error.into(),
+    })?;
+    let Recovered { frames, messages, attachments, bad_attachments, damage } = recovered;
     let Damage {
         unfinished,
         truncated_bytes,
@@ -30,12 +42,12 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
         "{frames} frames, {messages} other messages and {attachments} attachments in {place}"
     );
     for (count, what) in [
-        (bad_chunks as u64, "chunks are damaged: left out"),
-        (bad_messages as u64, "messages cannot be read: left out"),
-        (bad_attachments, "attachments are damaged: left out"),
-        (skipped_bytes, "bytes between whole records belong to none: left out"),
-        (truncated_bytes, "bytes at the end are no whole record: left out"),
-        (mended_chunks as u64, "chunks had a damaged head and are whole"),
+        (bad_chunks as u64, "damaged chunk(s) left out"),
+        (bad_messages as u64, "message(s) that cannot be read left out"),
+        (bad_attachments, "damaged attachment(s) left out"),
+        (skipped_bytes, "byte(s) between whole records left out"),
+        (truncated_bytes, "byte(s) at the end left out: no whole record"),
+        (mended_chunks as u64, "chunk(s) had a damaged head and are whole"),
     ] {
         if count > 0 {
             text += &format!("\n{count} {what}");

@@ -16,6 +16,7 @@ use std::time::Duration;
 
 /// Watches to the end of the recording, Ctrl-C or enough frames.
 pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> {
+    super::check_frames(args.watch.frames)?;
     let publisher = publish::open(&args.watch.publish, is_json)?;
     let scene = Scene::load(&args.scene)?;
     let mut progress = progress::terminal();

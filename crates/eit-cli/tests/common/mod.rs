@@ -2,6 +2,9 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "tests")]
 
+#[cfg(unix)]
+pub mod emulated;
+
 use ndarray::Array2;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};

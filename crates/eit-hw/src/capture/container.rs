@@ -2,8 +2,8 @@
 
 use crate::error::{HwError, Place};
 
-/// First bytes of an MCAP file.
-pub(super) const MAGIC: &[u8] = crate::readers::MCAP_MAGIC;
+/// First bytes of an MCAP file, such as a recording of ours.
+pub const MAGIC: &[u8] = crate::readers::MCAP_MAGIC;
 
 /// What the container says, as an error of this crate.
 pub(super) fn container_error(place: Place, what: &impl ToString) -> HwError {

@@ -1,8 +1,8 @@
 //! Messages of a recording and their topics.
 
+use super::content::Channel;
 use super::json::FrameRecord;
 use super::record::{NoteRecord, ReferenceRecord, SessionRecord, TouchRecord, TouchesRecord};
-use super::records::Channel;
 use crate::frame::Frame;
 
 /// The topics of a recording.

@@ -10,7 +10,7 @@ use super::record::SessionRecord;
 use super::stream::{CaptureReader, Damage};
 use crate::error::{HwError, Place};
 use crate::frame::{Frame, Quality};
-use crate::recording::{Format, Layout, Note, Recording, Unit};
+use crate::recording::{Format, Layout, Recording, Unit};
 
 /// A recording that was read.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -179,15 +179,7 @@ impl<'a> Frames<'a> {
             Array2::from_shape_vec((rows, count), self.quality).map_err(|_| none())?;
         let steady = self.times.len() == rows && self.times.is_sorted();
         recording.device_time_s = steady.then_some(self.times);
-        if damage.is_any() {
-            recording.notes.push(Note::Damaged {
-                chunks: damage.bad_chunks,
-                mended: damage.mended_chunks,
-                messages: damage.bad_messages,
-                skipped_bytes: damage.skipped_bytes,
-                truncated_bytes: damage.truncated_bytes,
-            });
-        }
+        recording.notes.extend(damage.note());
         recording.current_a = session.current_a;
         recording.frequency_hz = session.frequency_hz;
         Ok(recording)

@@ -2,16 +2,21 @@
 //!
 //! A length that is wrong must not cost what comes after it: where a record cannot be, the file is
 //! searched for the next chunk that is whole. This needs no index, so that it serves recordings of
-//! programs that were killed, too. Long because reading and finding one's way again share their state.
+//! programs that were killed, too.
 
-use std::collections::BTreeMap;
-use std::io::{ErrorKind, Read, Seek, SeekFrom};
+mod search;
+mod source;
+
+use std::io::{Read, Seek};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use self::source::Source;
 use super::container::MAGIC;
-use super::unpack::{CHUNK_HEAD, ChunkHead, MOST_CHUNK_BYTES, RECORD_HEAD, record_length};
+use super::content::Attachment;
+use super::unpack::{MOST_CHUNK_BYTES, RECORD_HEAD, record_length};
 use crate::error::{HwError, Place};
+use crate::recording::Note;
 
 /// Opcodes of the container's records.
 pub(super) mod op {
@@ -63,6 +68,17 @@ impl Damage {
         } = *self;
         truncated_bytes + skipped_bytes > 0 || bad_chunks + mended_chunks + bad_messages > 0
     }
+
+    /// What a user should know of it; `None` where [nothing was lost](Self::is_any).
+    pub fn note(&self) -> Option<Note> {
+        self.is_any().then_some(Note::Damaged {
+            chunks: self.bad_chunks,
+            mended: self.mended_chunks,
+            messages: self.bad_messages,
+            skipped_bytes: self.skipped_bytes,
+            truncated_bytes: self.truncated_bytes,
+        })
+    }
 }
 
 /// A record that was found; [`Records::bytes`] has its content.
@@ -78,12 +94,7 @@ pub(super) struct Item {
 /// Reads the records of a container.
 #[derive(Debug)]
 pub(super) struct Records<R> {
-    source: R,
-    path: PathBuf,
-    /// Bytes of the file.
-    length: u64,
-    /// Where the source stands.
-    at: u64,
+    source: Source<R>,
     /// Where the next record begins.
     position: u64,
     /// Where the last whole record of the data ended.
@@ -101,27 +112,23 @@ pub(super) struct Records<R> {
 }
 
 impl<R: Read + Seek> Records<R> {
-    pub(super) fn new(mut source: R, path: &Path) -> Result<Self, HwError> {
-        let failed = |source| HwError::Read { place: Place::file(path), source };
-        let length = source.seek(SeekFrom::End(0)).map_err(failed)?;
-        source.seek(SeekFrom::Start(0)).map_err(failed)?;
+    pub(super) fn new(source: R, path: &Path) -> Result<Self, HwError> {
+        let source = Source::new(source, path)?;
+        let tries = MOST_TRIES.saturating_mul(source.length).saturating_add(MOST_CHUNK_BYTES);
         let mut records = Self {
             source,
-            path: path.to_path_buf(),
-            length,
-            at: 0,
             position: 0,
             whole: 0,
             chunk: Vec::new(),
             told: 0,
             chunk_place: 0..0,
             record: Vec::new(),
-            tries: MOST_TRIES * length + MOST_CHUNK_BYTES,
+            tries,
             damage: Damage { unfinished: true, ..Damage::default() },
             is_over: false,
         };
         let mut start = [0; MAGIC.len()];
-        let found = records.read_at(0, &mut start)?;
+        let found = records.source.read_at(0, &mut start)?;
         if found == 0 {
             return Err(HwError::Empty { place: Place::file(path) });
         }
@@ -146,7 +153,7 @@ impl<R: Read + Seek> Records<R> {
 
     /// Bytes of the file.
     pub(super) fn length(&self) -> u64 {
-        self.length
+        self.source.length
     }
 
     /// Bytes up to the end of the last whole record that is no part of the index.
@@ -164,45 +171,29 @@ impl<R: Read + Seek> Records<R> {
     pub(super) fn copy<E: From<HwError>>(
         &mut self,
         place: Range<u64>,
-        mut take: impl FnMut(&[u8]) -> Result<(), E>,
+        take: impl FnMut(&[u8]) -> Result<(), E>,
     ) -> Result<(), E> {
-        let mut buffer = [0; 1 << 13];
-        let mut at = place.start;
-        while at < place.end {
-            let wanted = usize::try_from(place.end - at).unwrap_or(usize::MAX).min(buffer.len());
-            let found = self.read_at(at, &mut buffer[..wanted])?;
-            if found == 0 {
-                break;
-            }
-            take(&buffer[..found])?;
-            at += found as u64;
-        }
-        Ok(())
+        self.source.copy(place, take)
     }
 
     /// A part of the file in memory, at most as long as a record that is held.
     pub(super) fn held(&mut self, place: Range<u64>) -> Result<Vec<u8>, HwError> {
-        let end = place.end.min(place.start + MOST_RECORD_BYTES);
-        let mut bytes = Vec::new();
-        self.copy(place.start..end, |piece| {
-            bytes.extend_from_slice(piece);
-            Ok::<_, HwError>(())
-        })?;
-        Ok(bytes)
+        self.source.held(place)
     }
 
     /// The attachment whose content lies here; `None` where its checksum is wrong.
     pub(super) fn attachment(&mut self, place: Range<u64>) -> Result<Option<Attachment>, HwError> {
-        let head = self.held(place.start..place.end.min(place.start + MOST_ATTACHMENT_HEAD))?;
+        let head =
+            self.source.held(place.start..place.end.min(place.start + MOST_ATTACHMENT_HEAD))?;
         let Some(found) = Attachment::parse(&head, &place) else { return Ok(None) };
         let crc_at = place.end - 4;
         let mut hasher = crc32fast::Hasher::new();
-        self.copy(place.start..crc_at, |piece| {
+        self.source.copy(place.start..crc_at, |piece| {
             hasher.update(piece);
             Ok::<_, HwError>(())
         })?;
         let mut crc = [0; 4];
-        self.read_at(crc_at, &mut crc)?;
+        self.source.read_at(crc_at, &mut crc)?;
         let crc = u32::from_le_bytes(crc);
         Ok((crc == 0 || crc == hasher.finalize()).then_some(found))
     }
@@ -235,12 +226,12 @@ impl<R: Read + Seek> Records<R> {
     fn next_in_file(&mut self) -> Result<Option<Item>, HwError> {
         let at = self.position;
         let mut head = [0; RECORD_HEAD];
-        if self.read_at(at, &mut head)? < RECORD_HEAD {
+        if self.source.read_at(at, &mut head)? < RECORD_HEAD {
             return self.finish(false).map(|()| None);
         }
         let (op, length) = (head[0], record_length(&head));
         let start = at + RECORD_HEAD as u64;
-        let end = start.checked_add(length).filter(|&end| end <= self.length);
+        let end = start.checked_add(length).filter(|&end| end <= self.source.length);
         if op == op::DATA_END && self.is_end(at, length)? {
             return self.finish(true).map(|()| None);
         }
@@ -266,7 +257,7 @@ impl<R: Read + Seek> Records<R> {
         if is_held {
             self.record.clear();
             if length <= MOST_RECORD_BYTES {
-                self.record_at(start..end)?;
+                self.source.record(start..end, &mut self.record)?;
             }
         }
         let is_sure = matches!(op, op::MESSAGE_INDEX | op::CHANNEL | op::SCHEMA | op::ATTACHMENT);
@@ -283,346 +274,12 @@ impl<R: Read + Seek> Records<R> {
         Ok(is_told.then_some(Item { op, in_chunk: false, range, place: start..end }))
     }
 
-    /// Takes the chunk at `at`, whose record ends at `end`, where it is one; whether it is. One that
-    /// is bad is left out.
-    fn chunk_at(&mut self, at: u64, op: u8, end: Option<u64>) -> Result<bool, HwError> {
-        let start = at + RECORD_HEAD as u64;
-        let mut bytes = [0; CHUNK_HEAD];
-        let found = self.read_at(start, &mut bytes)?;
-        let Some(head) = ChunkHead::parse(&bytes[..found]) else { return Ok(false) };
-        let content = start + head.bytes;
-        let stated = head.stated_bytes().map(|length| start + length);
-        let stated = stated.filter(|&end| end <= self.length);
-        if op == op::CHUNK && stated.is_some() && stated == end {
-            let end = stated.unwrap_or(content);
-            if !self.unpack(&head, content..end)? {
-                self.chunk.clear();
-                self.damage.bad_chunks += 1;
-            }
-            (self.position, self.whole) = (end, end);
-            return Ok(true);
-        }
-        // one of the two lengths is wrong, or the opcode: the checksum says which
-        if head.crc == 0 {
-            return Ok(false);
-        }
-        let ends = [stated, end.filter(|&end| end > content && end - start <= MOST_CHUNK_BYTES)];
-        for end in ends.into_iter().flatten() {
-            if self.unpack(&head, content..end)? {
-                self.damage.mended_chunks += 1;
-                (self.position, self.whole) = (end, end);
-                return Ok(true);
-            }
-        }
-        self.chunk.clear();
-        Ok(false)
-    }
-
-    /// Unpacks a chunk; whether it is whole.
-    fn unpack(&mut self, head: &ChunkHead, place: Range<u64>) -> Result<bool, HwError> {
-        self.told = 0;
-        if self.tries == 0 {
-            return Ok(false);
-        }
-        self.record.clear();
-        self.record_at(place.clone())?;
-        let is_whole = head.unpack(&self.record, &mut self.chunk);
-        if !is_whole {
-            let cost = (self.record.len() + self.chunk.len()) as u64;
-            self.tries = self.tries.saturating_sub(cost);
-        }
-        self.chunk_place = place;
-        Ok(is_whole)
-    }
-
-    /// Whether a record's content fits its own lengths, as far as they are known.
-    fn is_consistent(&mut self, op: u8, place: Range<u64>) -> Result<bool, HwError> {
-        let length = place.end - place.start;
-        Ok(match op {
-            op::MESSAGE_INDEX => {
-                let mut head = [0; 6];
-                let found = self.read_at(place.start, &mut head)?;
-                let [_, _, list @ ..] = head;
-                found == head.len() && length == 6 + u64::from(u32::from_le_bytes(list))
-            }
-            op::MESSAGE => length >= 22,
-            op::CHANNEL => length > MOST_RECORD_BYTES || Channel::parse(&self.record).is_some(),
-            op::ATTACHMENT => {
-                let most = place.end.min(place.start + MOST_ATTACHMENT_HEAD);
-                let head = self.held(place.start..most)?;
-                Attachment::parse(&head, &place).is_some()
-            }
-            op::SCHEMA => length > MOST_RECORD_BYTES || Schema::parse(&self.record).is_some(),
-            _ => true,
-        })
-    }
-
-    /// Whether a record can begin here, or the file ends.
-    fn can_begin(&mut self, at: u64) -> Result<bool, HwError> {
-        let mut head = [0; RECORD_HEAD];
-        let found = self.read_at(at, &mut head)?;
-        if found < RECORD_HEAD {
-            // nothing, or a record that was not written to its end
-            return Ok(true);
-        }
-        let (op, length) = (head[0], record_length(&head));
-        let is_op = (op::HEADER..=op::DATA_END).contains(&op) || op >= 0x80;
-        let left = self.length - at - RECORD_HEAD as u64;
-        // a chunk may be cut by the end of the file
-        Ok(is_op && (length <= left || length <= MOST_CHUNK_BYTES))
-    }
-
-    /// Goes on with the next whole chunk behind the damage at `at`.
-    fn find_chunk(&mut self, at: u64) -> Result<(), HwError> {
-        let mut from = at + 1;
-        let mut bytes = vec![0; SEARCHED + RECORD_HEAD + CHUNK_HEAD];
-        while from < self.length {
-            let found = self.read_at(from, &mut bytes)?;
-            for start in 0..found.min(SEARCHED) {
-                if bytes[start] != op::CHUNK {
-                    continue;
-                }
-                let Some(head) = bytes[start..found]
-                    .get(RECORD_HEAD..)
-                    .and_then(ChunkHead::parse)
-                    .and_then(|head| head.stated_bytes())
-                else {
-                    continue;
-                };
-                let here = from + start as u64;
-                let end = here + RECORD_HEAD as u64 + head;
-                let stated = bytes[start..].first_chunk().map(record_length);
-                let before = self.damage;
-                let is_whole = end <= self.length
-                    && self.chunk_at(here, op::CHUNK, stated.and_then(|l| self.end(here, l)))?
-                    && self.damage.bad_chunks == before.bad_chunks;
-                if is_whole {
-                    self.damage.skipped_bytes += here - at;
-                    return Ok(());
-                }
-                self.damage = before;
-            }
-            from += SEARCHED as u64;
-        }
-        // nothing more
-        self.chunk.clear();
-        self.finish(false)
-    }
-
-    /// Where a record of this length ends, within the file.
-    fn end(&self, at: u64, length: u64) -> Option<u64> {
-        let start = at + RECORD_HEAD as u64;
-        start.checked_add(length).filter(|&end| end <= self.length)
-    }
-
-    /// Whether the data really end here: what follows is the index of this file, up to its end.
-    fn is_end(&mut self, at: u64, length: u64) -> Result<bool, HwError> {
-        const FOOTER: u64 = RECORD_HEAD as u64 + 20;
-        let after = at + RECORD_HEAD as u64 + length;
-        let Some(footer) = self.length.checked_sub(FOOTER + MAGIC.len() as u64) else {
-            return Ok(false);
-        };
-        let mut bytes = [0; FOOTER as usize + MAGIC.len()];
-        if length != 4 || footer < after || self.read_at(footer, &mut bytes)? < bytes.len() {
-            return Ok(false);
-        }
-        let summary = bytes[RECORD_HEAD..].first_chunk().map_or(0, |b| u64::from_le_bytes(*b));
-        let begins_here = match summary {
-            0 => footer == after,
-            start => start == after,
-        };
-        if bytes[0] != op::FOOTER || !begins_here || !bytes.ends_with(MAGIC) {
-            return Ok(false);
-        }
-        // record by record: another recording may lie behind this one
-        let mut at = after;
-        while at < footer {
-            let mut head = [0; RECORD_HEAD];
-            self.read_at(at, &mut head)?;
-            let end = self.end(at, record_length(&head));
-            match end.filter(|&end| end <= footer && SUMMARY.contains(&head[0])) {
-                Some(end) => at = end,
-                None => return Ok(false),
-            }
-        }
-        Ok(true)
-    }
-
     fn finish(&mut self, has_index: bool) -> Result<(), HwError> {
         self.is_over = true;
         self.damage.unfinished = !has_index;
         if !has_index {
-            self.damage.truncated_bytes = self.length - self.whole;
+            self.damage.truncated_bytes = self.source.length - self.whole;
         }
         Ok(())
-    }
-
-    /// The content of a record, grown as it is read: a length alone asks for no memory.
-    fn record_at(&mut self, place: Range<u64>) -> Result<(), HwError> {
-        self.seek(place.start)?;
-        let read = (&mut self.source).take(place.end - place.start).read_to_end(&mut self.record);
-        let read =
-            read.map_err(|source| HwError::Read { place: Place::file(&self.path), source })?;
-        self.at += read as u64;
-        Ok(())
-    }
-
-    fn seek(&mut self, to: u64) -> Result<(), HwError> {
-        if self.at != to {
-            // relative, so that a buffer is kept
-            let failed = |source| HwError::Read { place: Place::file(&self.path), source };
-            let step = to as i64 - self.at as i64;
-            self.source.seek_relative(step).map_err(failed)?;
-            self.at = to;
-        }
-        Ok(())
-    }
-
-    /// Bytes from `at` on, fewer at the end of the file; how many.
-    fn read_at(&mut self, at: u64, bytes: &mut [u8]) -> Result<usize, HwError> {
-        self.seek(at)?;
-        let mut filled = 0;
-        while filled < bytes.len() && at + (filled as u64) < self.length {
-            let most = usize::try_from(self.length - at).unwrap_or(usize::MAX).min(bytes.len());
-            match self.source.read(&mut bytes[filled..most]) {
-                Ok(0) => break,
-                Ok(count) => filled += count,
-                Err(error) if error.kind() == ErrorKind::Interrupted => {}
-                Err(source) => {
-                    return Err(HwError::Read { place: Place::file(&self.path), source });
-                }
-            }
-        }
-        self.at += filled as u64;
-        Ok(filled)
-    }
-}
-
-/// A list of bytes behind its length, and what follows.
-fn prefixed(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
-    let (length, rest) = bytes.split_first_chunk()?;
-    rest.split_at_checked(usize::try_from(u32::from_le_bytes(*length)).ok()?)
-}
-
-fn text(bytes: &[u8]) -> Option<(&str, &[u8])> {
-    let (text, rest) = prefixed(bytes)?;
-    Some((std::str::from_utf8(text).ok()?, rest))
-}
-
-/// What a message is of.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Channel<'a> {
-    pub id: u16,
-    pub schema: u16,
-    pub topic: &'a str,
-    pub encoding: &'a str,
-    /// A map, see [`text_map`].
-    pub metadata: &'a [u8],
-}
-
-impl<'a> Channel<'a> {
-    pub(super) fn parse(bytes: &'a [u8]) -> Option<Self> {
-        let (id, rest) = bytes.split_first_chunk()?;
-        let (schema, rest) = rest.split_first_chunk()?;
-        let (topic, rest) = text(rest)?;
-        let (encoding, rest) = text(rest)?;
-        let (metadata, []) = prefixed(rest)? else { return None };
-        let (id, schema) = (u16::from_le_bytes(*id), u16::from_le_bytes(*schema));
-        Some(Self { id, schema, topic, encoding, metadata })
-    }
-}
-
-/// A file within the file.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Attachment {
-    pub log_time: u64,
-    pub create_time: u64,
-    pub name: String,
-    pub media_type: String,
-    /// Where its bytes lie in the file; a checksum of four follows.
-    pub data: Range<u64>,
-}
-
-impl Attachment {
-    /// The attachment that lies at `place` and begins with these bytes.
-    fn parse(bytes: &[u8], place: &Range<u64>) -> Option<Self> {
-        let (log_time, rest) = bytes.split_first_chunk()?;
-        let (create_time, rest) = rest.split_first_chunk()?;
-        let (name, rest) = text(rest)?;
-        let (media_type, rest) = text(rest)?;
-        let (length, rest) = rest.split_first_chunk()?;
-        let start = place.start + (bytes.len() - rest.len()) as u64;
-        let end = start.checked_add(u64::from_le_bytes(*length))?;
-        (end.checked_add(4) == Some(place.end)).then(|| Self {
-            log_time: u64::from_le_bytes(*log_time),
-            create_time: u64::from_le_bytes(*create_time),
-            name: name.to_owned(),
-            media_type: media_type.to_owned(),
-            data: start..end,
-        })
-    }
-}
-
-/// Pairs of texts.
-pub(super) fn text_map(mut bytes: &[u8]) -> Option<BTreeMap<String, String>> {
-    let mut map = BTreeMap::new();
-    while !bytes.is_empty() {
-        let (key, rest) = text(bytes)?;
-        let (value, rest) = text(rest)?;
-        map.insert(key.to_owned(), value.to_owned());
-        bytes = rest;
-    }
-    Some(map)
-}
-
-/// The content of a metadata record: a name and its map.
-pub(super) fn named_map(bytes: &[u8]) -> Option<(String, BTreeMap<String, String>)> {
-    let (name, rest) = text(bytes)?;
-    let (map, _) = prefixed(rest)?;
-    Some((name.to_owned(), text_map(map)?))
-}
-
-/// How messages are described.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Schema<'a> {
-    pub id: u16,
-    pub name: &'a str,
-    pub encoding: &'a str,
-    pub data: &'a [u8],
-}
-
-impl<'a> Schema<'a> {
-    pub(super) fn parse(bytes: &'a [u8]) -> Option<Self> {
-        let (id, rest) = bytes.split_first_chunk()?;
-        let (name, rest) = text(rest)?;
-        let (encoding, rest) = text(rest)?;
-        let (data, []) = prefixed(rest)? else { return None };
-        Some(Self { id: u16::from_le_bytes(*id), name, encoding, data })
-    }
-}
-
-/// One message.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Message<'a> {
-    pub channel: u16,
-    pub sequence: u32,
-    pub log_time: u64,
-    pub publish_time: u64,
-    pub data: &'a [u8],
-}
-
-impl<'a> Message<'a> {
-    pub(super) fn parse(bytes: &'a [u8]) -> Option<Self> {
-        let (channel, rest) = bytes.split_first_chunk()?;
-        let (sequence, rest) = rest.split_first_chunk()?;
-        let (log_time, rest) = rest.split_first_chunk()?;
-        let (publish_time, data) = rest.split_first_chunk()?;
-        Some(Self {
-            channel: u16::from_le_bytes(*channel),
-            sequence: u32::from_le_bytes(*sequence),
-            log_time: u64::from_le_bytes(*log_time),
-            publish_time: u64::from_le_bytes(*publish_time),
-            data,
-        })
     }
 }

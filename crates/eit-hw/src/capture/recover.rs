@@ -10,10 +10,9 @@ use mcap::records::{AttachmentHeader, MessageHeader, Metadata};
 use mcap::{Compression, McapError, WriteOptions, Writer};
 
 use super::container::container_error;
+use super::content::{Attachment, Channel, Message, Schema, named_map, text_map};
 use super::entry::{Entry, Topic};
-use super::records::{
-    Attachment, Channel, Damage, Message, Records, Schema, named_map, op, text_map,
-};
+use super::records::{Damage, Records, op};
 use crate::error::{HwError, Place};
 use crate::regular::regular_file;
 
@@ -32,31 +31,60 @@ pub struct Recovered {
     pub damage: Damage,
 }
 
+impl Recovered {
+    /// Whether there was anything whole.
+    fn is_any(&self) -> bool {
+        self.frames + self.messages + self.attachments > 0
+    }
+}
+
 /// Writes a new recording with everything that is whole of a damaged one: messages of every topic with
 /// their clocks and numbers, attachments and metadata, in their order.
 ///
 /// # Errors
-/// As [`read`](super::read); [`HwError::Write`] where the new file exists already or cannot be written.
+/// As [`read`](super::read); where a disk cannot be read any further, the new recording holds what came
+/// before. [`HwError::Write`] where the new file exists already or cannot be written, and
+/// [`HwError::NothingWhole`]; there is no new file then.
 pub fn recover(from: &Path, to: &Path) -> Result<Recovered, HwError> {
     let source = BufReader::with_capacity(1 << 16, regular_file(from)?);
     let mut records = Records::new(source, from)?;
     let mut copy = Copy::to(to)?;
+    let recovered = copy_all(&mut records, &mut copy);
+    let finished = match &recovered {
+        Err(Failure::Write(_)) => {
+            drop(copy);
+            Ok(())
+        }
+        _ => copy.finish(),
+    };
+    let recovered = match (recovered, finished) {
+        // what could be read
+        (Err(Failure::Read(error)), Ok(())) => return Err(error),
+        (Ok(recovered), Ok(())) if recovered.is_any() => return Ok(recovered),
+        (Err(failure), _) | (Ok(_), Err(failure)) => failure.at(to),
+        (Ok(_), Ok(())) => {
+            HwError::NothingWhole { place: Place::file(from), bytes: records.length() }
+        }
+    };
+    // made above; whoever finds it would take it for all that there is
+    let _ = std::fs::remove_file(to);
+    Err(recovered)
+}
+
+fn copy_all(records: &mut Source, copy: &mut Copy) -> Result<Recovered, Failure> {
     while let Some(item) = records.next()? {
-        let copied = match item.op {
-            op::SCHEMA => copy.schema(records.bytes(&item)),
-            op::CHANNEL => copy.channel(records.bytes(&item)),
-            op::MESSAGE => copy.message(records.bytes(&item)),
-            op::METADATA => copy.metadata(&mut records, item.place),
-            op::ATTACHMENT => copy.attachment(&mut records, item.place),
-            _ => Ok(()),
-        };
-        copied.map_err(|failure| failure.at(to))?;
+        match item.op {
+            op::SCHEMA => copy.schema(records.bytes(&item))?,
+            op::CHANNEL => copy.channel(records.bytes(&item))?,
+            op::MESSAGE => copy.message(records.bytes(&item))?,
+            op::METADATA => copy.metadata(records, item.place)?,
+            op::ATTACHMENT => copy.attachment(records, item.place)?,
+            _ => {}
+        }
     }
     copy.recovered.damage = records.damage();
     copy.recovered.damage.bad_messages += copy.bad_messages;
-    let recovered = copy.recovered;
-    copy.finish().map_err(|failure| failure.at(to))?;
-    Ok(recovered)
+    Ok(copy.recovered)
 }
 
 /// Why a record was not copied.

@@ -5,12 +5,22 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
+use super::content::{Channel, Message};
 use super::entry::{Entry, Topic};
-use super::records::{Channel, Message, Records, op};
+use super::records::{Records, op};
 use crate::error::HwError;
 use crate::regular::regular_file;
 
 pub use super::records::Damage;
+
+/// When a message was logged and published, in nanoseconds since 1970 by the recorder's clock.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MessageTimes {
+    /// What tools sort by; it does not go back within a recording of ours.
+    pub log_ns: u64,
+    /// As the clock said, also where it was set back.
+    pub publish_ns: u64,
+}
 
 /// Longest message that is read, in bytes: that of 262 144 values with all their digits.
 const MOST_MESSAGE_BYTES: usize = 8 << 20;
@@ -34,6 +44,7 @@ const MOST_MESSAGE_BYTES: usize = 8 << 20;
 pub struct CaptureReader<R> {
     records: Records<R>,
     channels: HashMap<u16, Option<Topic>>,
+    times: Option<MessageTimes>,
 }
 
 impl CaptureReader<BufReader<File>> {
@@ -53,7 +64,7 @@ impl<R: Read + Seek> CaptureReader<R> {
     /// [`HwError::Empty`], [`HwError::Read`], and [`HwError::Container`] for what does not start as
     /// MCAP.
     pub fn new(source: R, path: &Path) -> Result<Self, HwError> {
-        Ok(Self { records: Records::new(source, path)?, channels: HashMap::new() })
+        Ok(Self { records: Records::new(source, path)?, channels: HashMap::new(), times: None })
     }
 
     /// The next message; `None` at the end.
@@ -74,6 +85,8 @@ impl<R: Read + Seek> CaptureReader<R> {
                     };
                     let topic = self.channels.get(&message.channel).copied();
                     let json = message.data;
+                    let Message { log_time, publish_time, .. } = message;
+                    self.times = Some(MessageTimes { log_ns: log_time, publish_ns: publish_time });
                     let entry = match topic {
                         _ if json.len() > MOST_MESSAGE_BYTES => None,
                         Some(Some(topic)) => Entry::from_json(topic, json),
@@ -91,6 +104,11 @@ impl<R: Read + Seek> CaptureReader<R> {
             }
         }
         Ok(None)
+    }
+
+    /// When the last message was logged; `None` before the first.
+    pub fn times(&self) -> Option<MessageTimes> {
+        self.times
     }
 
     /// What is missing of it, as far as it was read; all of it after the last message.

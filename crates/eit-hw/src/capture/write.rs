@@ -25,7 +25,7 @@ use super::container::container_error;
 use super::entry::{Entry, Topic};
 use super::json::FrameJson;
 use super::record::{NoteJson, ReferenceRecord, SessionRecord, TouchesRecord};
-use super::stream::CaptureReader;
+use super::stream::{CaptureReader, MessageTimes};
 use crate::error::{HwError, Place};
 use crate::frame::Frame;
 
@@ -87,6 +87,25 @@ impl CaptureWriter {
         check(settings)?;
         let file = storage::create(path, settings.sync)?;
         Self::begin(Self::on(Box::new(file), path, settings, 0)?, session)
+    }
+
+    /// [`create`](Self::create) for a copy of another recording: the session has the times that it has
+    /// there.
+    ///
+    /// # Errors
+    /// As [`create`](Self::create).
+    pub fn create_at(
+        path: &Path,
+        session: &SessionRecord,
+        settings: CaptureSettings,
+        times: MessageTimes,
+    ) -> Result<Self, HwError> {
+        check(settings)?;
+        let file = storage::create(path, settings.sync)?;
+        let mut capture = Self::on(Box::new(file), path, settings, 0)?;
+        capture.write_at(&Entry::Session(session.clone()), times)?;
+        capture.flush()?;
+        Ok(capture)
     }
 
     /// Goes on with a recording, also one that was cut by a crash: its index and what is no whole
@@ -245,23 +264,55 @@ impl CaptureWriter {
         }
     }
 
+    /// Adds an entry of another recording with the times that it has there.
+    ///
+    /// # Errors
+    /// [`HwError::Write`].
+    pub fn write_at(&mut self, entry: &Entry, times: MessageTimes) -> Result<(), HwError> {
+        match entry {
+            Entry::Session(session) => {
+                self.add_at(Topic::Session, times, |json| serde_json::to_writer(json, session))
+            }
+            Entry::Frame(frame) => self
+                .add_at(Topic::Frame, times, |json| serde_json::to_writer(json, &FrameJson(frame))),
+            Entry::Reference(reference) => {
+                self.add_at(Topic::Reference, times, |json| serde_json::to_writer(json, reference))
+            }
+            Entry::Touches(touches) => {
+                self.add_at(Topic::Touches, times, |json| serde_json::to_writer(json, touches))
+            }
+            Entry::Note(text) => self
+                .add_at(Topic::Note, times, |json| serde_json::to_writer(json, &NoteJson { text })),
+        }
+    }
+
     fn add(
         &mut self,
         topic: Topic,
         log_time: Duration,
         write: impl FnOnce(&mut Vec<u8>) -> serde_json::Result<()>,
     ) -> Result<(), HwError> {
+        let publish_ns = u64::try_from(log_time.as_nanos()).unwrap_or(u64::MAX);
+        // tools sort by it: a clock that is set back must not mix frames up
+        let log_ns = self.log_time_ns.max(publish_ns);
+        self.add_at(topic, MessageTimes { log_ns, publish_ns }, write)
+    }
+
+    fn add_at(
+        &mut self,
+        topic: Topic,
+        times: MessageTimes,
+        write: impl FnOnce(&mut Vec<u8>) -> serde_json::Result<()>,
+    ) -> Result<(), HwError> {
         let index = topic as usize;
         self.json.clear();
         write(&mut self.json).map_err(|error| container_error(Place::file(&self.path), &error))?;
-        let log_time_ns = u64::try_from(log_time.as_nanos()).unwrap_or(u64::MAX);
-        // tools sort by it: a clock that is set back must not mix frames up
-        self.log_time_ns = self.log_time_ns.max(log_time_ns);
+        self.log_time_ns = self.log_time_ns.max(times.log_ns);
         let header = MessageHeader {
             channel_id: self.channels[index],
             sequence: self.counts[index],
-            log_time: self.log_time_ns,
-            publish_time: log_time_ns,
+            log_time: times.log_ns,
+            publish_time: times.publish_ns,
         };
         self.counts[index] = self.counts[index].wrapping_add(1);
         if self.finished {

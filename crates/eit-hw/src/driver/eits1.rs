@@ -1,28 +1,23 @@
 //! EITS-1 instruments: see [`codec::eits1`](crate::codec::eits1) and docs/EITS-1.md.
 
+mod command;
 mod meaning;
 
 use std::time::{Duration, Instant};
 
+use self::command::{Command, answer_limit, send};
 use self::meaning::{Count, Counted, fill, reason, text};
 use super::decoded::{Decoded, RawFrame};
 use super::interface::Driver;
 use super::setup::{Identity, Limits, Setup};
 use crate::codec::eits1::{
-    CRC_BYTES, Configuration, Decoder, Event, HEADER_BYTES, Information, Kind, Message, encode,
+    CRC_BYTES, Configuration, Decoder, Event, HEADER_BYTES, Information, Kind,
 };
 use crate::error::HwError;
 use crate::frame::{Quadruple, Quality};
 use crate::recording::Layout;
-use crate::transport::{Endpoint, Link};
+use crate::transport::Link;
 
-/// One answer must come within this, beside the time that command and answer take on the line.
-const ANSWER_LIMIT: Duration = Duration::from_millis(500);
-/// Bits of a byte on a serial line.
-const BITS: f64 = 10.0;
-/// A line is no slower than this after the first attempt: an adapter may be set to another rate than it
-/// has on its other side.
-const SLOWEST_BAUD: u32 = 9600;
 /// So often a command is sent: each is idempotent, and a byte of it may be lost.
 const ATTEMPTS: u32 = 4;
 /// What a device may round its settings by, relative.
@@ -167,47 +162,6 @@ impl Eits1 {
         }
         differs("the number of measurements", wanted.to_string(), found.to_string())
     }
-}
-
-/// A command to the instrument.
-struct Command<'a> {
-    kind: Kind,
-    payload: &'a [u8],
-    /// Kind of the message that answers it.
-    answer: Kind,
-    /// What it tells the instrument to do, for messages.
-    purpose: &'static str,
-}
-
-impl Command<'static> {
-    fn without_payload(kind: Kind, answer: Kind, purpose: &'static str) -> Self {
-        Self { kind, payload: &[], answer, purpose }
-    }
-}
-
-/// How long to wait for an answer: command and answer take their time on a serial line.
-fn answer_limit(endpoint: &Endpoint, attempt: u32, payload: usize, wanted: Kind) -> Duration {
-    let Endpoint::Serial { baud, .. } = endpoint else { return ANSWER_LIMIT };
-    let answer = match wanted {
-        Kind::Configuration => payload,
-        // two texts of at most 255 bytes
-        Kind::Information => 64,
-        _ => 8,
-    };
-    let baud = if attempt == 0 { *baud } else { (*baud).min(SLOWEST_BAUD) };
-    let bytes = 2 * (HEADER_BYTES + CRC_BYTES + 8) + payload + answer;
-    // COBS adds a byte in 254, the device its own time
-    let line_s = 1.1 * BITS * bytes as f64 / f64::from(baud.max(1));
-    ANSWER_LIMIT + Duration::from_secs_f64(line_s)
-}
-
-fn send(link: &mut Link, kind: Kind, sequence: u32, payload: &[u8]) -> Result<(), HwError> {
-    let count = payload.len().min(usize::from(u16::MAX)) as u16;
-    // the first 0 ends what noise may have begun
-    let mut wire = vec![0];
-    let message = Message { kind, sequence, device_time_us: 0, flags: 0, count, payload };
-    encode(&message, &mut wire)?;
-    link.write(&wire)
 }
 
 impl Driver for Eits1 {

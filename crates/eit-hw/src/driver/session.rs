@@ -2,6 +2,7 @@
 
 mod reader;
 mod settings;
+mod silence;
 mod stream;
 
 pub use settings::{Backoff, SessionSettings};
@@ -12,6 +13,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use self::reader::Reader;
+use self::silence::Silence;
 use self::stream::Stream;
 use super::interface::{Driver, connect};
 use super::queue::Queue;
@@ -57,6 +59,7 @@ impl Session {
             queue: Arc::clone(&queue),
             quit: Arc::clone(&quit),
             identity: setup.identity.clone(),
+            silence: Silence::new(setup.frame_rate_hz),
             stream,
         };
         let thread = std::thread::Builder::new()

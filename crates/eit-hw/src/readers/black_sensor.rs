@@ -2,8 +2,9 @@
 //! then what came over the serial line, in commas.
 //!
 //! A frame is a line `A` and 16 lines of the board's time in milliseconds and 16 counts, driven electrodes
-//! included. Boot banners, colour codes and cut lines between and within frames are passed over, and the
-//! frame with them. Source: github.com/richgumy/black_sensor.
+//! included. The header calls the counts millivolts, but they are the converter's own. A frame that has
+//! boot banners, colour codes or cut lines between its rows is left out whole; before them they cost nothing.
+//! Source: github.com/richgumy/black_sensor.
 
 use std::path::Path;
 
@@ -73,5 +74,50 @@ fn reason(fault: Fault) -> SkipReason {
         Fault::Values { found, wanted } => SkipReason::Values { found, wanted },
         Fault::Lines { found, wanted } => SkipReason::Lines { found, wanted },
         _ => SkipReason::NotANumber,
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a panic is a failed test")]
+mod tests {
+    use super::*;
+    use crate::frame::Quality;
+
+    /// As the logs have it: the board's time in front, a comma at the end.
+    fn block(counts: impl Fn(usize, usize) -> u32) -> String {
+        let row = |row: usize| {
+            let row: Vec<String> = (0..16).map(|column| counts(row, column).to_string()).collect();
+            format!("1.5,0,17560,{},\n", row.join(","))
+        };
+        (0..16).map(row).collect()
+    }
+
+    #[test]
+    fn frames_without_a_banner_are_whole_and_only_the_rail_is_flagged() {
+        let sound = |row: usize, column: usize| (1000 * row + column) as u32 + 24_000;
+        let railed =
+            |row, column| if (row, column) == (3, 5) { 65_535 } else { sound(row, column) };
+        let banner = "1.5,0,\u{1b}[0;31mE (20317) task_wdt: Task watchdog got triggered.\n1.5,0,\n";
+        let mut broken = block(sound);
+        broken.insert_str(broken.find('\n').unwrap() + 1, banner);
+        let head =
+            "UTC:,2022-04-12 04:28:07.127463\ntime_pc [s],Mass [g],time_mcu[ms],data [mV]:\n";
+        // without a mark, whole, banners between frames, a banner in a frame, whole
+        let mark = "1.5,0,A\n";
+        let text =
+            [head, &block(sound), mark, &block(sound), banner, mark, &broken, mark, &block(railed)]
+                .concat();
+        assert!(is_log(text.as_bytes()));
+        let recording = parse(text.as_bytes(), Path::new("log.csv")).unwrap();
+        assert_eq!((recording.real.dim(), recording.skipped.frames), ((2, 256), 1));
+        for (frame, counts) in [&sound as &dyn Fn(usize, usize) -> u32, &railed].iter().enumerate()
+        {
+            for index in 0..256 {
+                let count = counts(index / 16, index % 16);
+                assert_eq!(recording.real[[frame, index]], f64::from(count));
+                let wanted = if count == 65_535 { Quality::SATURATED } else { Quality::GOOD };
+                assert_eq!(recording.quality[[frame, index]], wanted, "{count}");
+            }
+        }
     }
 }

@@ -1,6 +1,9 @@
 //! Orders of measurements, and what tests of several files share.
 
 #![allow(dead_code, reason = "each test file uses its own part")]
+#![allow(clippy::expect_used, reason = "tests")]
+
+pub mod recordings;
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};

@@ -7,7 +7,7 @@ use eit_picture::{Canvas, Plot, Series, draw_plot};
 use eit_skin::method::Method;
 use eit_skin::one_step::Imaging;
 use eit_skin::scene::DifferenceKind;
-use eit_skin::{FittedFrames, Progress, check_images, sequence};
+use eit_skin::{FittedFrames, Progress, sequence};
 use ndarray::Array3;
 use serde_json::{Value, json};
 
@@ -85,7 +85,6 @@ fn images(
         let images = imaging.images(frames, progress)?.into_parts().0;
         return Ok(Images { images, report: None });
     }
-    check_images(frames.values.nrows(), &imaging.raster)?;
     let prior = linearised.prior()?;
     let mut settings = task.fitted.one_step_settings()?;
     settings.hyperparameter = imaging.difference.report().hyperparameter;

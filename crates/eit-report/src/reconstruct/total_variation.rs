@@ -4,15 +4,13 @@ use super::{Made, Task, kind_words};
 use crate::error::ReportError;
 use eit_inverse::{Certificate, SequenceReport, SequenceStatus, WeightPoint, WeightStatus};
 use eit_picture::{Canvas, Plot, Series, draw_plot};
+use eit_skin::Progress;
 use eit_skin::total_variation::{TvMovie, Weights, stop};
-use eit_skin::{FittedFrames, Progress, check_images};
 use serde_json::{Value, json};
 
 /// Chooses the weights, solves, and tells how well.
 pub(super) fn make(task: &Task<'_>, progress: &mut Progress) -> Result<Made, ReportError> {
-    let FittedFrames { skin, frames, .. } = task.fitted;
-    let raster = skin.raster(progress)?.clone();
-    check_images(frames.values.nrows(), &raster)?;
+    let raster = task.fitted.skin.raster(progress)?.clone();
     let movie = task.fitted.total_variation(task.method, progress)?;
     let images = raster.images_from_pixels(movie.pixels.view())?;
     Ok(Made {

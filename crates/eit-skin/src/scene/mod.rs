@@ -543,17 +543,33 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SkinError> {
 impl Scene {
     /// Reads a scene file, or takes a built-in scene by its name, and checks it.
     pub fn load(name_or_path: &str) -> Result<Self, SkinError> {
-        let text = Self::text(name_or_path)?;
-        let mut scene = parse::parse(&text, name_or_path)?;
-        scene.source = Some(text);
-        scene.place = name_or_path.to_owned();
-        scene.name = name_or_path.to_owned();
+        let mut scene = Self::read(Self::text(name_or_path)?, name_or_path)?;
         if builtin::text(name_or_path).is_none() {
             let path = Path::new(name_or_path);
             scene.name = path.file_stem().map_or_else(String::new, |s| s.to_string_lossy().into());
             scene.folder = path.parent().map_or_else(PathBuf::new, Path::to_path_buf);
         }
         scene.check()?;
+        Ok(scene)
+    }
+
+    /// Reads a scene from its text and checks it; files that it names are looked for in the working folder.
+    ///
+    /// # Errors
+    ///
+    /// As [`load`](Self::load); `name` is the place in messages.
+    pub fn parse(text: &str, name: &str) -> Result<Self, SkinError> {
+        let scene = Self::read(text.to_owned(), name)?;
+        scene.check()?;
+        Ok(scene)
+    }
+
+    /// Not checked yet.
+    fn read(text: String, name: &str) -> Result<Self, SkinError> {
+        let mut scene = parse::parse(&text, name)?;
+        scene.source = Some(text);
+        scene.place = name.to_owned();
+        scene.name = name.to_owned();
         Ok(scene)
     }
 

@@ -2,7 +2,7 @@
 
 use crate::error::CliError;
 use eit_hw::capture::{
-    CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, SessionRecord,
+    CaptureReader, CaptureSettings, CaptureWriter, Damage, Entry, MessageTimes, SessionRecord,
 };
 use eit_hw::{Frame, FrameMap, HwError, Layout, Projection, Quadruple, Quality};
 use eit_report::ReportError;
@@ -133,27 +133,30 @@ impl<'a> Source<'a> {
 
     fn each<E: From<HwError>>(
         &self,
-        mut take: impl FnMut(Entry) -> Result<(), E>,
+        mut take: impl FnMut(Entry, MessageTimes) -> Result<(), E>,
     ) -> Result<(), E> {
         let mut reader = CaptureReader::open(self.path)?;
         while let Some(entry) = reader.next_entry()? {
-            take(match entry {
+            let entry = match entry {
                 Entry::Frame(frame) => Entry::Frame(self.mapped(frame)?),
                 other => other,
-            })?;
+            };
+            // a message that was read has its times
+            let Some(times) = reader.times() else { continue };
+            take(entry, times)?;
         }
         Ok(())
     }
 
-    /// Every message, frames in the order of the protocol, as a new recording.
+    /// Every message with its times, frames in the order of the protocol, as a new recording.
     pub fn write_mcap(&self, out: &Path) -> Result<(), CliError> {
         let mut writer: Option<CaptureWriter> = None;
         let settings = CaptureSettings::default;
-        let create = |session: &SessionRecord| {
-            CaptureWriter::create(out, session, settings())
+        let create = |session: &SessionRecord, times| {
+            CaptureWriter::create_at(out, session, settings(), times)
                 .map_err(|error| CliError::input(error.to_string()))
         };
-        self.each(|entry| {
+        let written = self.each(|entry, times| {
             let entry = match entry {
                 Entry::Session(session) => {
                     let quadruples =
@@ -163,18 +166,21 @@ impl<'a> Source<'a> {
                 other => other,
             };
             match (&mut writer, &entry) {
-                (Some(writer), entry) => writer.write(entry)?,
-                (None, Entry::Session(session)) => writer = Some(create(session)?),
+                (Some(writer), entry) => writer.write_at(entry, times)?,
+                (None, Entry::Session(session)) => writer = Some(create(session, times)?),
                 // its session was lost
                 (None, entry) => {
-                    let mut begun = create(&SessionRecord::default())?;
-                    begun.write(entry)?;
-                    writer = Some(begun);
+                    let quadruples = self.quadruples.map_or_else(Vec::new, <[_]>::to_vec);
+                    let session = SessionRecord { quadruples, ..SessionRecord::default() };
+                    writer.insert(create(&session, times)?).write_at(entry, times)?;
                 }
             }
             Ok::<_, CliError>(())
-        })?;
-        writer.map_or(Ok(()), |writer| Ok(writer.finish()?))
+        });
+        match writer {
+            Some(writer) => super::whole_or_none(writer, written, out),
+            None => written,
+        }
     }
 
     /// Every frame whose values are finite, as rows of a table.
@@ -185,7 +191,7 @@ impl<'a> Source<'a> {
             if format == "npy" {
                 write_npy_head(rows, columns, out)?;
             }
-            self.each(|entry| {
+            self.each(|entry, _| {
                 let Entry::Frame(frame) = entry else { return Ok(()) };
                 if !is_finite(&frame) {
                     return Ok(());

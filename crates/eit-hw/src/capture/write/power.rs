@@ -4,6 +4,8 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::{io, mem};
 
+use fixtures::Random;
+
 use super::storage::Storage;
 use super::{CaptureSettings, CaptureWriter};
 use crate::capture::{CaptureReader, Entry, SessionRecord, parse};
@@ -12,23 +14,6 @@ use crate::frame::{Frame, Quality};
 /// What a disk writes whole or not at all.
 const SECTOR: usize = 512;
 const PATH: &str = "power.mcap";
-
-/// SplitMix64 (Steele, Lea and Flood 2014).
-struct Random(u64);
-
-impl Random {
-    fn draw(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    fn below(&mut self, most: usize) -> usize {
-        (self.draw() % most.max(1) as u64) as usize
-    }
-}
 
 /// What was done since the last force.
 #[derive(Clone)]
@@ -142,7 +127,7 @@ fn entry(random: &mut Random, sequence: u64) -> Entry {
     if sequence % 7 == 3 {
         return Entry::Note(format!("note {sequence}"));
     }
-    let values = (0..40).map(|_| (random.draw() >> 11) as f64).collect();
+    let values = (0..40).map(|_| random.uniform()).collect();
     Entry::Frame(Frame {
         values,
         imaginary: None,
@@ -213,7 +198,7 @@ fn check(found: &[Entry], before: &[Entry], written: &[Entry], flushed: usize, w
 fn ten_thousand_power_cuts_lose_nothing_flushed() {
     let mut read_more = 0;
     for seed in 0..10_000 {
-        let mut random = Random(seed);
+        let mut random = Random::new(seed);
         let disk = Shared::default();
         let mut before = Vec::new();
         let mut whole = 0;
@@ -252,7 +237,7 @@ fn ten_thousand_power_cuts_lose_nothing_flushed() {
 fn a_disk_that_fails_at_any_call_costs_nothing_flushed() {
     let calls = {
         let disk = Shared::default();
-        record(&disk, 0, &mut Random(5), 60, true);
+        record(&disk, 0, &mut Random::new(5), 60, true);
         disk.with(|disk| disk.calls)
     };
     assert!(calls > 20, "{calls}");
@@ -260,7 +245,7 @@ fn a_disk_that_fails_at_any_call_costs_nothing_flushed() {
         for bytes in [0, 1, 100, 100_000] {
             let disk = Shared::default();
             disk.with(|disk| disk.fails = Some((call, bytes)));
-            let (written, flushed) = record(&disk, 0, &mut Random(5), 60, true);
+            let (written, flushed) = record(&disk, 0, &mut Random::new(5), 60, true);
             let file = disk.with(|disk| disk.bytes.clone());
             if file.is_empty() {
                 assert_eq!(flushed, 0);

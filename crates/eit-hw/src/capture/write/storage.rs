@@ -82,12 +82,9 @@ pub(super) fn cut_tail(
     damage: Damage,
 ) -> Result<(u64, Option<CutTail>), HwError> {
     let failed = |source| HwError::Write { place: Place::file(path), source };
-    // not even its head was whole
+    let cut = if damage.unfinished { keep_tail(file, path, whole)? } else { None };
+    // no record is whole: what begins the file is written anew
     let whole = if whole > MAGIC.len() as u64 { whole } else { 0 };
-    let cut = match damage.unfinished && whole > 0 {
-        true => keep_tail(file, path, whole)?,
-        false => None,
-    };
     file.cut(whole).map_err(failed)?;
     Ok((whole, cut))
 }
@@ -101,7 +98,9 @@ fn keep_tail(file: &mut File, path: &Path, whole: u64) -> Result<Option<CutTail>
     let (mut kept, place) = beside(path)?;
     let unkept = |source| HwError::Write { place: Place::file(&place), source };
     file.seek(SeekFrom::Start(whole)).map_err(failed)?;
-    io::copy(&mut file.take(bytes), &mut kept).and_then(|_| kept.sync_all()).map_err(unkept)?;
+    let copied = io::copy(&mut file.take(bytes), &mut kept).and_then(|_| kept.sync_all());
+    // its name, too: the recording is cut next
+    copied.and_then(|()| sync_folder(&place)).map_err(unkept)?;
     Ok(Some(CutTail { bytes, path: place }))
 }
 

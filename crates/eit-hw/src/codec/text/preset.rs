@@ -41,7 +41,11 @@ impl TextFormat {
     }
 
     /// The skin board `black_sensor` (ESP32): a line `A`, then 16 lines of 16 counts, with the
-    /// driven electrodes; rails near 32 767.
+    /// driven electrodes.
+    ///
+    /// The converter has 16 bits, and its largest count is the rail: logs of 2022 hold sound ones up to
+    /// 39 000. A later firmware writes their difference from half the scale, whose rails (32 533 in its
+    /// source) are calibrated for each board; those are not flagged.
     ///
     /// Source: github.com/richgumy/black_sensor.
     pub fn black_sensor() -> Self {
@@ -49,7 +53,7 @@ impl TextFormat {
             framing: Framing::StartLine("A".into()),
             lines_per_frame: 16,
             values_per_line: 16,
-            saturated_from: Some(32_766.0),
+            saturated_from: Some(65_535.0),
             ..Self::default()
         }
     }

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::settings::SessionSettings;
+use super::silence::Silence;
 use super::stream::Stream;
 use crate::driver::decoded::Decoded;
 use crate::driver::interface::{Driver, connect};
@@ -23,6 +24,7 @@ pub(super) struct Reader {
     pub(super) quit: Arc<AtomicBool>,
     pub(super) identity: Identity,
     pub(super) stream: Stream,
+    pub(super) silence: Silence,
 }
 
 /// Why a connection is over.
@@ -67,7 +69,7 @@ impl Reader {
     /// Reads until the connection is over.
     fn follow(&mut self, link: &mut Link) -> End {
         let mut buffer = [0; 8192];
-        let mut silence = Silence::new(self.stream.frame_rate_hz);
+        self.silence.start(Instant::now());
         while !self.quits() {
             let received = match self.driver.idle(link).and_then(|()| link.read(&mut buffer)) {
                 Ok(received) => received,
@@ -96,20 +98,33 @@ impl Reader {
                 }
                 None => {}
             }
+            let now = Instant::now();
             if frames > 0 {
-                silence.end(&self.queue);
-            } else if let Some(for_s) = silence.begins(self.settings.silence_s) {
+                let told_s = self.silence.frame(now);
+                self.count_silence(told_s);
+            } else if let Some(for_s) = self.silence.begins(&self.settings, now) {
                 self.queue.push(Event::Silent { for_s });
-            } else if self.settings.reconnect.is_some() && silence.is_stall(self.settings.stall_s) {
-                let reason = format!("no frame for {:.1} s: it is set up anew", silence.for_s());
-                silence.end(&self.queue);
+            } else if self.settings.reconnect.is_some()
+                && self.silence.is_stall(&self.settings, now)
+            {
+                let for_s = self.silence.for_s(now);
+                let reason = format!("no frame for {for_s:.1} s: it is set up anew");
+                let told_s = self.silence.end(now);
+                self.count_silence(told_s);
                 let source = std::io::Error::new(std::io::ErrorKind::TimedOut, reason.clone());
                 let endpoint = self.endpoint.to_string();
                 return End::Lost(reason, HwError::Lost { endpoint, source });
             }
         }
-        silence.end(&self.queue);
+        let told_s = self.silence.end(Instant::now());
+        self.count_silence(told_s);
         End::Quit
+    }
+
+    fn count_silence(&self, told_s: Option<f64>) {
+        if let Some(for_s) = told_s {
+            self.queue.count(|statistics| statistics.silent_s += for_s);
+        }
     }
 
     /// Looks for the instrument with growing waits; `None` where the session was stopped.
@@ -155,56 +170,6 @@ impl Reader {
         self.driver.start(&mut link)?;
         self.stream.renew(&setup);
         Ok(link)
-    }
-}
-
-/// How long no frame has come, and how long that may take.
-struct Silence {
-    last: Instant,
-    /// Time from frame to frame: that which was set, else that which is seen.
-    period_s: f64,
-    is_known: bool,
-    is_told: bool,
-}
-
-impl Silence {
-    fn new(frame_rate_hz: Option<f64>) -> Self {
-        let rate_hz = frame_rate_hz.filter(|rate| *rate > 0.0);
-        Self {
-            last: Instant::now(),
-            period_s: rate_hz.map_or(0.0, f64::recip),
-            is_known: rate_hz.is_some(),
-            is_told: false,
-        }
-    }
-
-    fn for_s(&self) -> f64 {
-        self.last.elapsed().as_secs_f64()
-    }
-
-    /// How long it is, where it is to be told now.
-    fn begins(&mut self, silence_s: f64) -> Option<f64> {
-        let for_s = self.for_s();
-        if self.is_told || for_s < silence_s.max(3.0 * self.period_s) {
-            return None;
-        }
-        self.is_told = true;
-        Some(for_s)
-    }
-
-    fn is_stall(&self, stall_s: f64) -> bool {
-        self.for_s() >= stall_s.max(6.0 * self.period_s)
-    }
-
-    /// A frame has come, or the connection ends.
-    fn end(&mut self, queue: &Queue) {
-        let for_s = self.for_s();
-        if std::mem::take(&mut self.is_told) {
-            queue.count(|statistics| statistics.silent_s += for_s);
-        } else if !self.is_known {
-            self.period_s += 0.2 * (for_s - self.period_s);
-        }
-        self.last = Instant::now();
     }
 }
 

@@ -14,7 +14,8 @@ pub struct SessionSettings {
     /// What happens to the next one.
     pub overflow: Overflow,
     /// After so long without a frame, or three frame times where that is longer,
-    /// [`Event::Silent`](crate::driver::Event::Silent) is told.
+    /// [`Event::Silent`](crate::driver::Event::Silent) is told. Of an instrument whose rate is not set, a
+    /// frame time is what was seen between the last frames, and 2 s before.
     pub silence_s: f64,
     /// After so long without a frame, or six frame times where that is longer, the instrument is set up
     /// anew as if it had been lost: it may have restarted without a word. Not where `reconnect` is

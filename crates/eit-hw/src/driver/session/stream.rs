@@ -18,7 +18,6 @@ pub(super) struct Stream {
     marker: Marker,
     value_count: usize,
     complex: bool,
-    pub(super) frame_rate_hz: Option<f64>,
     /// The counter and clock of the epoch's first frame.
     first: Option<(Option<u64>, Option<f64>)>,
     pub(super) epoch: u32,
@@ -47,7 +46,6 @@ impl Stream {
             marker: Marker::new(setup.limits, setup.value_count),
             value_count: setup.value_count,
             complex: setup.complex,
-            frame_rate_hz: setup.frame_rate_hz,
             first: None,
             epoch: 0,
             next_sequence: 0,

@@ -1,0 +1,169 @@
+//! Recordings and arrays as `eit recover`, `eit convert` and others read and write them.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests")]
+
+mod common;
+
+use common::emulated::{device, record, start, stderr};
+use common::{eit, text};
+use eit_hw::capture::CaptureReader;
+use serde_json::Value;
+use std::path::Path;
+use std::time::Duration;
+
+/// `eit recover` writes what is whole, and says what is not.
+#[test]
+fn recover_reports_what_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let emulator = start(device("skin"));
+    let (_, json, out) = record(folder.path(), &emulator, "3");
+    let mut bytes = std::fs::read(&out).unwrap();
+    let all = json["frames"].as_u64().unwrap();
+    // a byte in the middle of the content of some chunk
+    let at = bytes.len() / 2;
+    bytes[at] ^= 4;
+    let damaged = folder.path().join("damaged.mcap");
+    std::fs::write(&damaged, &bytes).unwrap();
+    let whole = folder.path().join("whole.mcap");
+    let output = eit(&["recover", text(&damaged), text(&whole), "--json"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(found["bad_chunks"], 1, "{found}");
+    let frames = found["frames"].as_u64().unwrap();
+    // chunks hold a second each, more where the processor was away for long: at least three quarters of
+    // three seconds are not in one
+    assert!(frames < all && frames > all / 4, "{frames} of {all}");
+    let capture = eit_hw::capture::read(&whole).unwrap();
+    assert!(capture.frames().count() as u64 == frames && !capture.damage.unfinished);
+    assert_eq!(eit(&["recover", text(&damaged), text(&whole)]).status.code(), Some(2));
+}
+
+/// Nothing whole is no recording, and no empty one is left that looks like all that there was.
+#[test]
+fn nothing_whole_is_refused_and_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let [damaged, new] = ["damaged.mcap", "new.mcap"].map(|name| folder.path().join(name));
+    std::fs::write(&damaged, [eit_hw::capture::MAGIC, &[0xa5; 5000]].concat()).unwrap();
+    let said = common::refuse(&["recover", text(&damaged), text(&new)]);
+    assert!(said.contains("damaged.mcap: none of its 5008 bytes"), "{said}");
+    assert!(!new.exists());
+    std::fs::write(&damaged, b"").unwrap();
+    let said = common::refuse(&["recover", text(&damaged), text(&new)]);
+    assert!(said.contains("damaged.mcap") && !new.exists(), "{said}");
+    // a folder that is not there
+    std::fs::write(&damaged, [eit_hw::capture::MAGIC, &[0xa5; 5000]].concat()).unwrap();
+    let nowhere = folder.path().join("none").join("new.mcap");
+    let said = common::refuse(&["recover", text(&damaged), text(&nowhere)]);
+    assert!(said.contains("new.mcap: cannot be written"), "{said}");
+}
+
+/// The numbers of a table are not replaced by those in another order.
+#[test]
+fn convert_does_not_write_over_what_it_reads() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = folder.path().join("a.csv");
+    std::fs::write(&table, "1,2,3\n4,5,6\n").unwrap();
+    let other = folder.path().join("./a.csv");
+    let said = common::refuse(&["convert", text(&table), "--out", text(&other)]);
+    assert!(said.contains("is what is converted"), "{said}");
+    assert_eq!(std::fs::read(&table).unwrap(), b"1,2,3\n4,5,6\n");
+}
+
+/// A disk that gets full while it is converted leaves no recording that looks whole.
+#[test]
+fn a_conversion_that_fails_leaves_no_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let [table, out] = ["a.csv", "a.mcap"].map(|name| folder.path().join(name));
+    let mut random = fixtures::Random::new(1);
+    let row = |_| (0..208).map(|_| random.uniform().to_string()).collect::<Vec<_>>().join(",");
+    let rows: Vec<String> = (0..500).map(row).collect();
+    std::fs::write(&table, rows.join("\n") + "\n").unwrap();
+    let eit = env!("CARGO_BIN_EXE_eit");
+    let line = format!(
+        "trap '' XFSZ; ulimit -f 400; exec {eit} convert {} --out {}",
+        text(&table),
+        text(&out)
+    );
+    let output = std::process::Command::new("sh").args(["-c", &line]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stderr(&output).contains("a.mcap: cannot be written"), "{}", stderr(&output));
+    assert!(!out.exists());
+}
+
+/// Nested brackets in the header of images took a minute, and were echoed whole.
+#[test]
+fn a_hostile_header_of_images_is_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("nest.npy");
+    let out = folder.path().join("out");
+    for nested in ["[".repeat(24), "[".repeat(60_000)] {
+        let closed = nested.replace('[', "]");
+        let header =
+            format!("{{'descr': '<f8', 'fortran_order': False, 'shape': {nested}{closed}, }}\n");
+        let mut bytes = b"\x93NUMPY\x02\x00".to_vec();
+        bytes.extend((header.len() as u32).to_le_bytes());
+        bytes.extend(header.as_bytes());
+        std::fs::write(&file, &bytes).unwrap();
+        refused_shortly(&file, &out);
+    }
+    std::fs::write(&file, b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}").unwrap();
+    refused_shortly(&file, &out);
+}
+
+fn refused_shortly(file: &Path, out: &Path) {
+    let start = std::time::Instant::now();
+    let (images, out) = (text(file), text(out));
+    let arguments =
+        ["denoise", "paper-disc", "--weights", "default", "--images", images, "--out", out];
+    let said = common::refuse(&arguments);
+    assert!(start.elapsed() < Duration::from_secs(10), "{:?}", start.elapsed());
+    assert!(said.len() < 400, "{} bytes", said.len());
+}
+
+#[test]
+fn devices_without_an_end_are_no_files() {
+    for arguments in [
+        vec!["plan", "/dev/zero"],
+        vec!["convert", "/dev/zero", "--out", "never.csv"],
+        vec!["reconstruct", "paper-disc", "--frames", "/dev/zero", "--out", "never"],
+        vec!["recover", "/dev/zero", "never.mcap"],
+    ] {
+        let said = common::refuse(&arguments);
+        assert!(said.contains("/dev/zero") && !said.contains("never"), "{said}");
+    }
+}
+
+/// Converted message by message: epochs, clocks and notes go along, and so does the order of a scene.
+#[test]
+fn convert_keeps_what_a_recording_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let emulator = start(device("skin"));
+    let (_, json, out) = record(folder.path(), &emulator, "1");
+    let frames = json["frames"].as_u64().unwrap() as usize;
+    let [other, table, array] = ["b.mcap", "b.csv", "b.npy"].map(|name| folder.path().join(name));
+    let scene = folder.path().join("scene.toml");
+    for (to, more) in [(&other, &["--scene", text(&scene)][..]), (&table, &[]), (&array, &[])] {
+        let arguments = [&["convert", text(&out), "--out", text(to)], more].concat();
+        let said = common::succeed(&arguments);
+        assert!(said.starts_with(&format!("{frames} frames of 40 values")), "{said}");
+    }
+    let [one, same] = [&out, &other].map(|path| eit_hw::capture::read(path).unwrap());
+    assert_eq!(one.entries, same.entries);
+    // when each message was logged: players go by it
+    let times = |path: &Path| {
+        let (mut reader, mut times) = (CaptureReader::open(path).unwrap(), Vec::new());
+        while reader.next_entry().unwrap().is_some() {
+            times.push(reader.times().unwrap());
+        }
+        times
+    };
+    let wanted = times(&out);
+    let lasted_ns = wanted.last().unwrap().log_ns - wanted[0].log_ns;
+    assert!(lasted_ns > 500_000_000, "frames of one second: {lasted_ns} ns");
+    assert_eq!(times(&other), wanted);
+    let wanted = eit_hw::read_recording(&out, None, &Default::default()).unwrap().real;
+    for path in [&table, &array] {
+        let read = eit_hw::read_recording(path, None, &Default::default()).unwrap().real;
+        assert_eq!(read, wanted);
+    }
+}

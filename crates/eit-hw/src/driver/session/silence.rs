@@ -1,0 +1,192 @@
+//! How long no frame has come, and how long that may take.
+
+use std::time::Instant;
+
+use super::settings::SessionSettings;
+
+/// Time from frame to frame of an instrument of unknown rate, until it was seen often enough. Boards that
+/// write text take up to a second or two for a frame of 16 electrodes.
+const UNKNOWN_PERIOD_S: f64 = 2.0;
+/// Intervals that are looked at. Frames that waited in a buffer come at once: with eight, a few of those
+/// are not taken for the rate.
+const INTERVALS: usize = 8;
+/// Frame times without a frame that are a silence, and a stall.
+const SILENCE_PERIODS: f64 = 3.0;
+const STALL_PERIODS: f64 = 6.0;
+
+/// How long no frame has come, and how long that may take.
+#[derive(Debug)]
+pub(super) struct Silence {
+    /// Since when: the last frame, else the start.
+    since: Instant,
+    last_frame: Option<Instant>,
+    /// Time from frame to frame that was set; otherwise it is seen.
+    set_period_s: Option<f64>,
+    /// The last times between frames that came.
+    intervals_s: [f64; INTERVALS],
+    seen: usize,
+    is_told: bool,
+}
+
+impl Silence {
+    pub(super) fn new(frame_rate_hz: Option<f64>) -> Self {
+        Self {
+            since: Instant::now(),
+            last_frame: None,
+            set_period_s: frame_rate_hz.filter(|rate| *rate > 0.0).map(f64::recip),
+            intervals_s: [0.0; INTERVALS],
+            seen: 0,
+            is_told: false,
+        }
+    }
+
+    /// The instrument was started, at first or anew; what was seen of its rate still holds.
+    pub(super) fn start(&mut self, now: Instant) {
+        (self.since, self.last_frame) = (now, None);
+    }
+
+    pub(super) fn for_s(&self, now: Instant) -> f64 {
+        now.saturating_duration_since(self.since).as_secs_f64()
+    }
+
+    /// Time from frame to frame.
+    fn period_s(&self) -> f64 {
+        if let Some(period_s) = self.set_period_s {
+            return period_s;
+        }
+        let mut sorted_s = self.intervals_s;
+        sorted_s.sort_unstable_by(f64::total_cmp);
+        let [.., second_s, largest_s] = sorted_s;
+        // one outage among them is no rate; but frames in bursts have two long intervals, and their
+        // silence is between the bursts
+        if self.seen < INTERVALS { UNKNOWN_PERIOD_S.max(largest_s) } else { second_s }
+    }
+
+    /// How long it is, where it is to be told now.
+    pub(super) fn begins(&mut self, settings: &SessionSettings, now: Instant) -> Option<f64> {
+        let for_s = self.for_s(now);
+        if self.is_told || for_s < settings.silence_s.max(SILENCE_PERIODS * self.period_s()) {
+            return None;
+        }
+        self.is_told = true;
+        Some(for_s)
+    }
+
+    pub(super) fn is_stall(&self, settings: &SessionSettings, now: Instant) -> bool {
+        self.for_s(now) >= settings.stall_s.max(STALL_PERIODS * self.period_s())
+    }
+
+    /// A frame has come. How long the silence before it was, where that was told.
+    pub(super) fn frame(&mut self, now: Instant) -> Option<f64> {
+        if let Some(last) = self.last_frame {
+            let interval_s = now.saturating_duration_since(last).as_secs_f64();
+            self.intervals_s[self.seen % INTERVALS] = interval_s;
+            // stays full, and at the same place of the ring
+            self.seen = if self.seen + 1 == 2 * INTERVALS { INTERVALS } else { self.seen + 1 };
+        }
+        let told_s = self.end(now);
+        self.last_frame = Some(now);
+        told_s
+    }
+
+    /// The connection ends, or a frame came. How long the silence before was, where that was told.
+    pub(super) fn end(&mut self, now: Instant) -> Option<f64> {
+        let for_s = self.for_s(now);
+        self.since = now;
+        std::mem::take(&mut self.is_told).then_some(for_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    /// Frames after these intervals; the silences that were told on the way, looked for every 10 ms as a
+    /// reader does, and whether a stall was found.
+    fn told(
+        silence: &mut Silence,
+        from: Instant,
+        intervals_s: &[f64],
+    ) -> (Vec<f64>, bool, Instant) {
+        let settings = SessionSettings::default();
+        let (mut now, mut told, mut stalled) = (from, Vec::new(), false);
+        for &interval_s in intervals_s {
+            for _ in 0..(100.0 * interval_s).round() as usize {
+                now += Duration::from_millis(10);
+                told.extend(silence.begins(&settings, now));
+                stalled |= silence.is_stall(&settings, now);
+            }
+            silence.frame(now);
+        }
+        (told, stalled, now)
+    }
+
+    fn at_rest(frame_rate_hz: Option<f64>) -> (Silence, Instant) {
+        let (mut silence, start) = (Silence::new(frame_rate_hz), Instant::now());
+        silence.start(start);
+        (silence, start)
+    }
+
+    #[test]
+    fn slow_boards_are_neither_silent_nor_stalled() {
+        for period_s in [0.6, 1.0, 2.5, 4.0] {
+            let (mut silence, start) = at_rest(None);
+            // what waited in a buffer comes at once
+            let intervals_s: Vec<f64> = [0.0, 0.0].into_iter().chain([period_s; 20]).collect();
+            let (told, stalled, end) = told(&mut silence, start, &intervals_s);
+            assert!(told.is_empty() && !stalled, "{period_s} s: {told:?}, {stalled}");
+            // then it falls silent: told after three frame times, set up anew after six
+            let settings = SessionSettings::default();
+            let after = |periods: f64| end + Duration::from_secs_f64(periods * period_s);
+            assert_eq!(silence.begins(&settings, after(2.9)), None);
+            assert!(silence.begins(&settings, after(3.1)).is_some());
+            assert!(!silence.is_stall(&settings, after(5.9)));
+            assert!(silence.is_stall(&settings, after(6.1)));
+        }
+    }
+
+    #[test]
+    fn fast_boards_are_silent_after_half_a_second_once_their_rate_was_seen() {
+        let (mut silence, start) = at_rest(None);
+        let intervals_s = [vec![0.1; 20], vec![10.0], vec![0.1; 20], vec![1.0]].concat();
+        let (told, stalled, _) = told(&mut silence, start, &intervals_s);
+        // one outage of 10 s does not make the next one of 1 s pass untold
+        assert_eq!(told.len(), 2, "{told:?}");
+        // looked for every 10 ms
+        assert!(told.iter().all(|told_s| (0.5..0.515).contains(told_s)), "{told:?}");
+        assert!(stalled);
+    }
+
+    #[test]
+    fn a_rate_that_changes_is_learnt_again() {
+        let (mut silence, start) = at_rest(None);
+        let intervals_s = [vec![0.1; 20], vec![1.5; 10]].concat();
+        let (told, ..) = told(&mut silence, start, &intervals_s);
+        // the first two slow frames: one long interval alone might be an outage
+        assert_eq!(told.len(), 2, "{told:?}");
+    }
+
+    #[test]
+    fn frames_in_bursts_are_no_silence() {
+        let (mut silence, start) = at_rest(None);
+        let intervals_s = [1.0, 0.0, 0.0].repeat(10);
+        let (told, stalled, _) = told(&mut silence, start, &intervals_s);
+        assert!(told.is_empty() && !stalled, "{told:?}");
+    }
+
+    #[test]
+    fn a_rate_that_was_set_holds_from_the_start() {
+        for (rate_hz, wanted_s) in [(100.0, 0.5), (2.0, 1.5)] {
+            let (mut silence, start) = at_rest(Some(rate_hz));
+            let settings = SessionSettings::default();
+            let after = |for_s: f64| start + Duration::from_secs_f64(for_s);
+            assert_eq!(silence.begins(&settings, after(wanted_s - 0.01)), None);
+            assert!(silence.begins(&settings, after(wanted_s + 0.01)).is_some());
+            // told once
+            assert_eq!(silence.begins(&settings, after(wanted_s + 1.0)), None);
+            assert!(silence.frame(after(4.0)).is_some_and(|for_s| (for_s - 4.0).abs() < 1e-9));
+            assert_eq!(silence.frame(after(4.1)), None);
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! Recordings and containers for tests.
+
+use eit_hw::capture::{MAGIC, SessionRecord, UnitName};
+use eit_hw::{Frame, Quality};
+
+use super::rotated;
+
+/// Adjacent patterns on 16 electrodes.
+pub fn session() -> SessionRecord {
+    SessionRecord {
+        driver: "eits1".into(),
+        instrument: "emulated skin".into(),
+        serial: "7".into(),
+        unit: UnitName::Volt,
+        quadruples: rotated(16),
+        current_a: Some(1e-4),
+        frequency_hz: None,
+        frame_rate_hz: Some(25.0),
+        scene_toml: "[skin]\nshape = \"disc\"\n".into(),
+        recorder: "test".into(),
+    }
+}
+
+/// A frame of [`session`], other values in each.
+pub fn frame(sequence: u64) -> Frame {
+    let value = |index: u64| ((sequence * 208 + index) as f64 * 0.618_033_988_749).sin() * 1e-3;
+    Frame {
+        values: (0..208).map(value).collect(),
+        imaginary: None,
+        quality: vec![Quality::GOOD; 208],
+        sequence,
+        epoch: 0,
+        device_time_s: Some(sequence as f64 / 25.0),
+        host_time_s: Some(1.79e9 + sequence as f64 / 25.0),
+    }
+}
+
+/// A container of these records, without an index.
+pub fn container(records: &[Vec<u8>]) -> Vec<u8> {
+    [MAGIC, &records.concat()].concat()
+}
+
+/// One record of a container.
+pub fn record(op: u8, body: &[u8]) -> Vec<u8> {
+    [&[op][..], &(body.len() as u64).to_le_bytes(), body].concat()
+}
+
+/// The bytes of a chunk with this content, as the container lays it out.
+pub fn chunk(name: &[u8], packed: &[u8], unpacked: u64, crc: u32) -> Vec<u8> {
+    let mut body = [0_u64.to_le_bytes(), 1_u64.to_le_bytes()].concat();
+    body.extend(unpacked.to_le_bytes());
+    body.extend(crc.to_le_bytes());
+    body.extend((name.len() as u32).to_le_bytes());
+    body.extend(name);
+    body.extend((packed.len() as u64).to_le_bytes());
+    body.extend(packed);
+    record(6, &body)
+}
+
+/// The bytes of a chunk of this content that is packed with LZ4, without a checksum.
+pub fn lz4_chunk(content: &[u8]) -> Vec<u8> {
+    chunk(b"lz4", &lz4(content), content.len() as u64, 0)
+}
+
+pub fn lz4(content: &[u8]) -> Vec<u8> {
+    let mut packed = lz4::EncoderBuilder::new().build(Vec::new()).expect("memory");
+    std::io::Write::write_all(&mut packed, content).expect("memory");
+    packed.finish().0
+}
+
+/// A channel of JSON without a schema.
+pub fn channel(id: u16, topic: &str) -> Vec<u8> {
+    let ids = [id.to_le_bytes(), 0_u16.to_le_bytes()].concat();
+    record(4, &[ids, text(topic), text("json"), 0_u32.to_le_bytes().to_vec()].concat())
+}
+
+/// A message of number and times 0.
+pub fn message(channel: u16, json: &[u8]) -> Vec<u8> {
+    record(5, &[&channel.to_le_bytes()[..], &[0; 20], json].concat())
+}
+
+/// A frame of these values, in JSON.
+pub fn frame_json(values: &str) -> Vec<u8> {
+    let head = r#"{"sequence":0,"epoch":0,"device_time_s":null,"host_time_s":null,"values":["#;
+    format!("{head}{values}]}}").into_bytes()
+}
+
+/// So many zeros for [`frame_json`].
+pub fn zeros(count: usize) -> String {
+    vec!["0"; count].join(",")
+}
+
+fn text(text: &str) -> Vec<u8> {
+    [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat()
+}
