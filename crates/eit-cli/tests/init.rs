@@ -115,7 +115,6 @@ fn check(truth: &FirstScene, times: f64, arguments: &[&str]) {
     let (answer, said) = init(truth, times, folder.path(), arguments);
     let scene = Scene::load(text(&folder.path().join("my.toml"))).unwrap();
     let all = format!("{said}{answer}");
-    println!("{all}");
     assert!(!all.contains("nsure"), "{all}");
     let angle = scene.electrodes.first_angle_deg.unwrap();
     // half a degree: electrodes are at ends of edges of another mesh
