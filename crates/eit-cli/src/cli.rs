@@ -203,8 +203,9 @@ pub(crate) enum Command {
     /// Record a live instrument (MCAP).
     ///
     /// Every second what came is written, whatever happens then: a killed recorder loses the last
-    /// second at most. Ctrl-C ends it cleanly. Lost frames, disconnections and what the instrument
-    /// says are notes of the recording. `eit reconstruct` reads it like any other file.
+    /// second at most. Ctrl-C ends it cleanly. A terminal shows the rate and the frames that were lost; the
+    /// answer has the mean rate and the longest wait between two frames. Lost frames, disconnections and
+    /// what the instrument says are notes of the recording. `eit reconstruct` reads it like any other file.
     ///
     /// Example: eit record my.toml --seconds 60 --out press.mcap
     Record(RecordArgs),
@@ -220,6 +221,9 @@ pub(crate) enum Command {
     /// The damaged recording stays as it is.
     Recover(RecoverArgs),
     /// Convert recordings: MCAP, CSV, NPY; from every format that is read.
+    ///
+    /// From MCAP to MCAP, clocks, epochs, notes and log times go along; messages of other programs and
+    /// attachments do not (`eit recover` keeps them).
     ///
     /// Example: eit convert press.mcap --out press.csv
     Convert(ConvertArgs),
