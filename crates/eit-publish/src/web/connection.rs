@@ -73,6 +73,8 @@ pub(super) fn answer(stream: &TcpStream, shared: &Shared) -> io::Result<()> {
             Some(place) => send_events(stream, shared, &place),
             None => reply(stream, "503 Service Unavailable", "too many browsers\n"),
         },
+        // every browser asks for it, and says on its console where there is none
+        (true, "/favicon.ico") => reply(stream, "204 No Content", ""),
         (true, _) => reply(stream, "404 Not Found", "no such page\n"),
         (false, _) => reply(stream, "405 Method Not Allowed", "GET is all there is\n"),
     }
