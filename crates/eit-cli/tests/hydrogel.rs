@@ -19,6 +19,7 @@ use eit_inverse::{
     OneStepSettings, Reconstructor,
 };
 use eit_mesh::{Mesh, MeshSettings, Raster, RimElectrodes, SkinShape, generate};
+use fixtures::hydrogel::{mean, quadruples, quantile, values};
 use ndarray::{Array2, Axis};
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -40,32 +41,12 @@ struct Skin {
     jacobian: Array2<f64>,
 }
 
-/// Quadruples of a folder; its file has electrode numbers times two.
-fn quadruples(folder: &Path) -> Vec<[u32; 4]> {
-    let text = std::fs::read_to_string(folder.join("quadruples_192.csv")).unwrap();
-    let line = |line: &str| {
-        let codes: Vec<u32> = line.split(',').map(|c| c.trim().parse::<u32>().unwrap()).collect();
-        assert!(codes.len() == 4 && codes.iter().all(|code| code % 2 == 0), "{line}");
-        [0, 1, 2, 3].map(|k| codes[k] / 2)
-    };
-    text.lines().map(line).collect()
-}
-
-fn values(folder: &Path, name: &str) -> Array2<f64> {
-    let path = folder.join(name);
-    // singles or doubles
-    match ndarray_npy::read_npy::<_, Array2<f32>>(&path) {
-        Ok(singles) => singles.mapv(f64::from),
-        Err(_) => ndarray_npy::read_npy(&path).unwrap(),
-    }
-}
-
 fn skin(folder: &Path) -> Skin {
     let shape = SkinShape::Disc { radius_m: RADIUS_M };
     // widths and contacts are stated nowhere: a tenth of the rim in all, good contacts
     let electrodes = RimElectrodes::equally_spaced(16, 0.004);
     let mesh = generate(&shape, &electrodes, &MeshSettings::with_edge(0.008)).unwrap();
-    let protocol = Protocol::from_quadruples(16, &quadruples(folder), 1.0).unwrap();
+    let protocol = Protocol::from_quadruples(16, &quadruples(folder).unwrap(), 1.0).unwrap();
     let model = ForwardModel::new(&mesh, &protocol, &[1e-3; 16]).unwrap();
     let sheet = vec![1.0; model.elements()];
     let mut workspace = model.workspace().unwrap();
@@ -216,16 +197,6 @@ impl Map {
     }
 }
 
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-fn quantile(values: &[f64], part: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[(part * (sorted.len() - 1) as f64).round() as usize]
-}
-
 /// Every k-th press, so that the fitted ones are spread over the session; and the others.
 fn split<T: Copy>(all: &[T]) -> [Vec<T>; 2] {
     let step = all.len() / FITTED;
@@ -289,8 +260,8 @@ fn around(positions: &Array2<f64>, centre: [f64; 2]) -> Vec<[f64; 2]> {
 fn hydrogel_presses() {
     let Some(folder) = fixtures::shared_data("hydrogel_presses") else { return };
     let skin = skin(&folder);
-    let responses = values(&folder, "press_response_2000x192.npy");
-    let positions = values(&folder, "press_xyz_2000x3_m.npy");
+    let responses = values(&folder, "press_response_2000x192.npy").unwrap();
+    let positions = values(&folder, "press_xyz_2000x3_m.npy").unwrap();
     // the middle of the pressed area, as its README states it
     let truth = around(&positions, [0.046, -0.408]);
     let plain = skin.changed(&responses);
@@ -304,8 +275,8 @@ fn hydrogel_presses() {
 fn hydrogel_presses_denoised() {
     let Some(folder) = fixtures::shared_data("hydrogel_presses") else { return };
     let skin = skin(&folder);
-    let responses = values(&folder, "press_response_2000x192.npy");
-    let positions = values(&folder, "press_xyz_2000x3_m.npy");
+    let responses = values(&folder, "press_response_2000x192.npy").unwrap();
+    let positions = values(&folder, "press_xyz_2000x3_m.npy").unwrap();
     let truth = around(&positions, [0.046, -0.408]);
     let [before, after] = before_and_after(&skin, &skin.changed(&responses));
     let before = judge("hydrogel_presses, one-step at 64 pixels", &before, &truth);
@@ -317,9 +288,9 @@ fn hydrogel_presses_denoised() {
 fn hydrogel_superpose500() {
     let Some(folder) = fixtures::shared_data("hydrogel_superpose500") else { return };
     let skin = skin(&folder);
-    let up = values(&folder, "superpose500_responseups.npy");
-    let down = values(&folder, "superpose500_responsedowns.npy");
-    let positions = values(&folder, "superpose500_positions.npy");
+    let up = values(&folder, "superpose500_responseups.npy").unwrap();
+    let down = values(&folder, "superpose500_responsedowns.npy").unwrap();
+    let positions = values(&folder, "superpose500_positions.npy").unwrap();
     let middle = |axis: usize| {
         let column = positions.index_axis(Axis(1), axis);
         let least = column.iter().copied().fold(f64::INFINITY, f64::min);

@@ -74,7 +74,9 @@ fn presses_become_newtons() {
     // the model is right on a simulated skin: nothing learnt may make places worse
     assert_eq!(answer["places_by"], "model", "{answer}");
     assert_eq!(answer["learning_curve"][0]["learnt"], 5, "{answer}");
-    assert!(learned.with_extension("png").is_file() && learned.with_extension("csv").is_file());
+    let curve = learned.with_extension("curve.csv");
+    assert!(learned.with_extension("curve.png").is_file() && curve.is_file());
+    assert_eq!(answer["curve"], text(&curve));
     // the scene that names it
     let named = scene.with_file_name("named.toml");
     let scene_text = std::fs::read_to_string(&scene).unwrap();
@@ -152,9 +154,92 @@ fn bad_tables_are_one_line() {
     assert!(run("x_m,y_m,first_frame,last_frame\n0,0,5,3\n").contains("line 2: last_frame is 3"));
     assert!(run("x_m,y_m\n0,0\n").contains("1 presses"));
     assert!(run("x_m,y_m,first_frame\n0,0,9\n").contains("frames 0 to 5"));
+    assert!(run("x_m,y_m,first_frame\n0,0,0\n\n0,0,9\n").contains("line 4, frame 9"));
     let wrong = folder.path().join("f.toml");
     assert!(
         refuse(&["learn", "paper-disc", "--presses", text(&table), "--out", text(&wrong)])
             .contains("must end in .learned")
     );
+}
+
+/// Everything of a folder by name.
+fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let mut all: Vec<_> =
+        entries.map(|path| (path.clone(), std::fs::read(path).unwrap())).collect();
+    all.sort();
+    all
+}
+
+/// No input is written over, whatever it is called, and nothing is left where that is refused.
+#[test]
+fn inputs_are_not_written_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let table = "x_m,y_m\n0,0\n";
+    for name in ["presses.csv", "a.curve.csv", "b.learned", "frames.csv"] {
+        std::fs::write(path(name), table).unwrap();
+    }
+    let before = contents(folder.path());
+    let run = |presses: &str, frames: &str, out: &str, more: &[&str]| {
+        let [presses, frames, out] = [presses, frames, out].map(path);
+        let base = ["learn", "paper-disc", "--presses", text(&presses), "--frames", text(&frames)];
+        refuse(&[&base[..], &["--out", text(&out)], more].concat())
+    };
+    let said = run("a.curve.csv", "frames.csv", "a.learned", &[]);
+    assert!(said.contains("a.curve.csv: --out would write over the presses"), "{said}");
+    let said = run("presses.csv", "a.curve.csv", "a.learned", &[]);
+    assert!(said.contains("over the frames"), "{said}");
+    let old = path("b.learned");
+    let said = run("presses.csv", "frames.csv", "b.learned", &["--with", text(&old)]);
+    assert!(said.contains("over the earlier file"), "{said}");
+    let curve = path("a.curve.csv");
+    let said = run("presses.csv", "frames.csv", "a.learned", &["--reference", text(&curve)]);
+    assert!(said.contains("over the reference"), "{said}");
+    // the curve of presses.learned is not presses.csv: what stops this one is its only press
+    let said = run("presses.csv", "frames.csv", "presses.learned", &[]);
+    assert!(!said.contains("write over"), "{said}");
+    assert_eq!(contents(folder.path()), before);
+}
+
+/// Devices and pipes have no end: they are refused before they are read.
+#[cfg(unix)]
+#[test]
+fn devices_and_pipes_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (pipe, table, out) = (path("pipe"), path("p.csv"), path("f.learned"));
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    std::fs::write(&table, "x_m,y_m\n0,0\n").unwrap();
+    let run = |presses: &Path, with: &Path| {
+        let base = ["learn", "paper-disc", "--presses", text(presses), "--with", text(with)];
+        refuse(&[&base[..], &["--frames", text(&table), "--out", text(&out)]].concat())
+    };
+    for endless in [Path::new("/dev/zero"), &pipe] {
+        assert!(run(endless, &table).starts_with(&format!("eit: {}: ", text(endless))));
+        assert!(run(&table, endless).starts_with(&format!("eit: {}: ", text(endless))));
+    }
+    // a scene that names one
+    let scene = common::write_scene(
+        folder.path(),
+        &format!(
+            "{}\n[noise]\nadditive_v = 1e-6\n[touch]\nlearned = \"/dev/zero\"\n",
+            common::SMALL
+        ),
+    );
+    let frames = path("f.csv");
+    std::fs::write(&frames, [vec!["1.0"; 40].join(","), vec!["1.1"; 40].join(",")].join("\n"))
+        .unwrap();
+    let images = path("images");
+    let said = refuse(&[
+        "reconstruct",
+        text(&scene),
+        "--frames",
+        text(&frames),
+        "--reference",
+        "0",
+        "--out",
+        text(&images),
+    ]);
+    assert!(said.contains("/dev/zero"), "{said}");
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
-use crate::ticks::{Ticks, power_of_ten};
+use crate::ticks::{Ticks, power_of_ten, round_number};
 
 /// Room between the extreme points and the axes, as part of the range.
 const PADDING: f64 = 0.04;
@@ -12,6 +12,14 @@ const PADDING: f64 = 0.04;
 const MOST_TICKS: usize = 8;
 /// Most decades of an axis with lines between them.
 const MOST_MINOR: f64 = 6.0;
+/// Axes of fewer decades than this have numbers within them: all of 1 to 9, those that every reader knows, or at
+/// least one between two powers.
+const WITHIN_DECADES: f64 = 2.5;
+/// Length of an axis and width of a letter or digit, points: the shorter axis has its labels above each other.
+const LENGTH: f64 = 400.0;
+const LETTER: f64 = 7.0;
+/// What is written within a decade, the most that leave [`MOST_TICKS`].
+const WITHIN: [&[i32]; 3] = [&[1, 2, 3, 4, 5, 6, 7, 8, 9], &[1, 2, 5], &[1, 3]];
 
 /// A range and its ticks. Takes the place of plotters' own axes, whose logarithmic one has no ticks within a
 /// decade and whose linear one takes ranges below 2e-16 for empty.
@@ -49,12 +57,46 @@ impl Axis {
             labels: Vec::new(),
             minor: Vec::new(),
         };
-        if log && axis.high - axis.low >= 1.0 {
-            axis.mark_decades();
-        } else {
-            axis.mark_round_values();
+        match log {
+            true if axis.high - axis.low >= WITHIN_DECADES => axis.mark_decades(),
+            // two numbers at least, so that it shows what a step is
+            true if axis.within(WITHIN[0]).len() > 1 => axis.mark_within_decades(),
+            _ => axis.mark_round_values(),
         }
         axis
+    }
+
+    /// These multiples of powers of ten that are on the axis, ascending.
+    fn within(&self, multiples: &'static [i32]) -> Vec<(i32, i32)> {
+        let decades = self.low.floor() as i32..=self.high.floor() as i32;
+        let all = decades.flat_map(|decade| multiples.iter().map(move |k| (*k, decade)));
+        let ends = self.low..=self.high;
+        all.filter(|(k, decade)| ends.contains(&(f64::from(*k).log10() + f64::from(*decade))))
+            .collect()
+    }
+
+    /// Whether labels at these have a letter's width between them.
+    fn stand_apart(&self, ticks: &[(i32, i32)]) -> bool {
+        let letters = round_numbers(ticks).iter().map(|label| label.chars().count()).max();
+        let wanted = LETTER * (letters.unwrap_or(0) + 1) as f64;
+        let at = |(k, decade): (i32, i32)| f64::from(k).log10() + f64::from(decade);
+        let apart =
+            |pair: &[(i32, i32)]| LENGTH * (at(pair[1]) - at(pair[0])) / (self.high - self.low);
+        ticks.windows(2).all(|pair| apart(pair) >= wanted)
+    }
+
+    /// Ticks at round numbers within a few decades, and fainter lines at all others.
+    fn mark_within_decades(&mut self) {
+        let fits = |ticks: &Vec<(i32, i32)>| {
+            (2..=MOST_TICKS).contains(&ticks.len()) && self.stand_apart(ticks)
+        };
+        let ticks = WITHIN.into_iter().map(|multiples| self.within(multiples)).find(fits);
+        let ticks = ticks.unwrap_or_else(|| self.within(WITHIN[2]));
+        self.labels = round_numbers(&ticks);
+        self.ticks = ticks.iter().map(|(k, decade)| f64::from(*k) * 10f64.powi(*decade)).collect();
+        let rest = self.within(WITHIN[0]).into_iter();
+        let rest = rest.map(|(k, decade)| f64::from(k) * 10f64.powi(decade));
+        self.minor = rest.filter(|at| !self.ticks.contains(at)).collect();
     }
 
     /// Ticks at powers of ten, at most eight of them.
@@ -84,6 +126,12 @@ impl Axis {
         self.ticks = ticks.values;
         self.labels = ticks.labels;
     }
+}
+
+/// Digits times powers of ten, all in one way: plain up to thousands and thousandths.
+fn round_numbers(ticks: &[(i32, i32)]) -> Vec<String> {
+    let is_plain = ticks.iter().all(|(_, decade)| decade.abs() <= 3);
+    ticks.iter().map(|(k, decade)| round_number(*k, *decade, is_plain)).collect()
 }
 
 impl Ranged for Axis {
@@ -141,5 +189,20 @@ mod tests {
         assert_eq!(decades.format_ext(&decades.ticks[1]), "10⁻¹");
         // eight within each decade, and 0.008 and 0.009 within the padding
         assert_eq!(decades.minor.len(), 3 * 8 + 2, "{decades:?}");
+    }
+
+    /// An axis of one or two decades has round numbers within them, evenly chosen, and lines at all others.
+    #[test]
+    fn few_decades_have_numbers_within_them() {
+        let labels = |low: f64, high: f64| Axis::new([low, high].into_iter(), true, "x").labels;
+        assert_eq!(labels(5.0, 400.0), ["5", "10", "20", "50", "100", "200"]);
+        assert_eq!(labels(2.2e-3, 11.3e-3), ["0.005", "0.01"]);
+        assert_eq!(labels(2.0, 8.0), ["2", "3", "4", "5", "6", "7", "8"]);
+        assert_eq!(labels(2e-6, 3e-5), ["2×10⁻⁶", "5×10⁻⁶", "10⁻⁵", "2×10⁻⁵"]);
+        let axis = Axis::new([5.0, 400.0].into_iter(), true, "x");
+        assert_eq!(
+            axis.minor,
+            [6.0, 7.0, 8.0, 9.0, 30.0, 40.0, 60.0, 70.0, 80.0, 90.0, 300.0, 400.0]
+        );
     }
 }

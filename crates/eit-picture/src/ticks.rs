@@ -60,6 +60,16 @@ pub(crate) fn power_of_ten(exponent: i32) -> String {
     text
 }
 
+/// A digit times a power of ten: 0.05, 5 and 500 in plain numbers, else 5×10⁻⁶.
+pub(crate) fn round_number(digit: i32, exponent: i32, is_plain: bool) -> String {
+    match exponent {
+        _ if !is_plain && digit == 1 => power_of_ten(exponent),
+        _ if !is_plain => format!("{digit}×{}", power_of_ten(exponent)),
+        0.. => format!("{digit}{}", "0".repeat(exponent as usize)),
+        _ => format!("0.{}{digit}", "0".repeat(exponent.unsigned_abs() as usize - 1)),
+    }
+}
+
 /// The unit that stands for ten to `exponent` of `unit`: µS, or 10⁻¹⁵ S beyond the prefixes.
 pub(crate) fn with_prefix(unit: &str, exponent: i32) -> String {
     let prefix = match exponent {

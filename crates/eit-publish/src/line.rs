@@ -112,6 +112,9 @@ struct TouchPart {
     age_s: f64,
     /// Only a skin that has learnt from presses of known force knows it.
     force_n: Option<f64>,
+    force_std_n: Option<f64>,
+    /// Only a skin that has learnt knows whether a touch is like those it was taught.
+    unlike: Option<bool>,
     split_from: Option<u64>,
     merged_into: Option<u64>,
 }
@@ -135,6 +138,8 @@ impl From<&Touch> for TouchPart {
             whole: touch.whole,
             age_s: touch.age_s,
             force_n: touch.force_n(),
+            force_std_n: touch.force_std_n(),
+            unlike: touch.learnt.map(|learnt| learnt.is_unlike),
             split_from: touch.split_from,
             merged_into: touch.merged_into,
         }

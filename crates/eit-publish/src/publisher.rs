@@ -6,8 +6,9 @@ use crate::line::{EventLine, FrameLine, StartLine};
 use crate::udp::UdpSink;
 use eit_skin::TouchFrame;
 use eit_skin::eit_hw::driver::Event;
-use eit_skin::words::event_words;
+use eit_skin::words::{event_words, printable_json};
 use serde::Serialize;
+use std::borrow::Cow;
 use std::io::{ErrorKind, Write};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -74,6 +75,12 @@ impl Publisher {
     #[cfg(feature = "web")]
     pub fn has_web(&self) -> bool {
         self.web.is_some()
+    }
+
+    /// Whether a browser shows the page (feature `web`).
+    #[cfg(feature = "web")]
+    pub fn has_viewer(&self) -> bool {
+        self.web.as_ref().is_some_and(crate::web::WebServer::has_browser)
     }
 
     /// The skin that the page draws (feature `web`).
@@ -226,9 +233,15 @@ impl Publisher {
         self.write()
     }
 
+    /// A line may end on a terminal, and names and words of others are in it: what moves a cursor or turns text
+    /// around is escaped, beyond what JSON asks for.
     fn encode(&mut self, line: &impl Serialize) -> Result<(), PublishError> {
         self.line.clear();
-        Ok(serde_json::to_writer(&mut self.line, line)?)
+        serde_json::to_writer(&mut self.line, line)?;
+        if let Ok(Cow::Owned(escaped)) = std::str::from_utf8(&self.line).map(printable_json) {
+            self.line = escaped.into_bytes();
+        }
+        Ok(())
     }
 
     /// Gives the line at hand to pipes and sockets.

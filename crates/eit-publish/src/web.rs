@@ -1,6 +1,7 @@
 //! One page with the skin, its touches and images, for browsers: a small HTTP server that answers two
 //! paths, the page and its server-sent events.
 
+mod connection;
 mod request;
 mod server;
 

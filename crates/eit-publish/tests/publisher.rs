@@ -4,7 +4,7 @@
 use eit_publish::{PublishError, Publisher, SCHEMA, Start, UdpSink};
 use eit_skin::eit_hw::driver::Event;
 use eit_skin::faults::{ElectrodeFault, FaultKind};
-use eit_skin::{Touch, TouchFrame, TouchState};
+use eit_skin::{LearntTouch, Touch, TouchFrame, TouchState};
 use serde_json::{Value, json};
 use std::io::{self, Write};
 use std::net::UdpSocket;
@@ -135,7 +135,8 @@ fn every_line_fits_the_schema_and_says_what_happened() {
         "id": 7, "state": "hold", "position_m": [0.03, -0.01, 0.0],
         "position_std_m": [2e-3, 1e-3, 0.0], "velocity_m_s": [0.1, 0.0, -0.0],
         "intensity_s_m2": 2.5e-11, "intensity_std_s_m2": 1e-12, "confidence": 0.97, "valid": true,
-        "whole": false, "age_s": 0.12, "force_n": null, "split_from": null, "merged_into": 3,
+        "whole": false, "age_s": 0.12, "force_n": null, "force_std_n": null,
+        "unlike": null, "split_from": null, "merged_into": 3,
     });
     let wanted = json!({
         "type": "frame", "sequence": 100, "epoch": 1, "time_s": 2.0, "host_time_s": 1_700_000_000.25,
@@ -144,6 +145,46 @@ fn every_line_fits_the_schema_and_says_what_happened() {
         "touches": [wanted, wanted],
     });
     assert_eq!(lines[4], wanted);
+}
+
+/// A skin that has learnt says forces with their deviations, and which touches are unlike.
+#[test]
+fn learnt_touches_have_their_force_and_its_deviation() {
+    let out = Shared::default();
+    let mut publisher = Publisher::new().with_lines(out.clone());
+    let learnt =
+        |force_n, is_unlike| Touch { learnt: Some(LearntTouch { force_n, is_unlike }), ..touch() };
+    let touches = [
+        learnt(Some([1.5, 0.1]), false),
+        learnt(Some([0.0, f64::INFINITY]), false),
+        learnt(None, true),
+    ];
+    publisher.touches(&frame(&touches, &[])).unwrap();
+    let line = out.lines().remove(0);
+    let schema = jsonschema::validator_for(&serde_json::from_str(SCHEMA).unwrap()).unwrap();
+    assert!(schema.is_valid(&line), "{line}");
+    let said =
+        |key: &str| line["touches"].as_array().unwrap().iter().map(|t| t[key].clone()).collect();
+    let said: [Vec<Value>; 3] = ["force_n", "force_std_n", "unlike"].map(said);
+    assert_eq!(said[0], [json!(1.5), json!(0.0), Value::Null]);
+    assert_eq!(said[1], [json!(0.1), Value::Null, Value::Null]);
+    assert_eq!(said[2], [json!(false), json!(false), json!(true)]);
+}
+
+/// Names and words of others do not reach a terminal as they are: control characters of C1 and those that turn the
+/// direction of text are escaped, and read as they were.
+#[test]
+fn what_moves_a_cursor_is_escaped() {
+    let out = Shared::default();
+    let mut publisher = Publisher::new().with_lines(out.clone());
+    let hostile = "sk\u{1b}[31m \u{9b}2J \u{85} \u{202e}x\u{2066}";
+    publisher.start(&Start { skin: hostile, instrument: hostile, ..start() }).unwrap();
+    let text = String::from_utf8(out.0.lock().unwrap().0.clone()).unwrap();
+    assert!(text.trim_end().is_ascii(), "{text:?}");
+    assert_eq!(
+        (&out.lines()[0]["skin"], &out.lines()[0]["instrument"]),
+        (&json!(hostile), &json!(hostile))
+    );
 }
 
 /// A schema that takes anything proves nothing.

@@ -176,3 +176,69 @@ fn answer_starts(address: &str, wanted: &str) -> bool {
     stream.read_exact(&mut start).unwrap();
     start == wanted.as_bytes()
 }
+
+/// Browsers that have gone leave their places to others, also while nothing is said to them.
+#[test]
+fn closed_browsers_leave_their_places() {
+    let server = WebServer::new("127.0.0.1:0").unwrap();
+    let address = address(&server);
+    let publisher = Publisher::new().with_web(server);
+    assert!(!publisher.has_viewer(), "nobody looks");
+    let mut browsers: Vec<TcpStream> =
+        (0..16).map(|_| ask(&address, &get("/events", &address))).collect();
+    for browser in &mut browsers {
+        // its answer begins once it has a place
+        browser.read_exact(&mut [0]).unwrap();
+    }
+    assert!(answer_starts(&address, "HTTP/1.1 503 ") && publisher.has_viewer());
+    drop(browsers);
+    // far below the five seconds after which a browser hears that the program is still there
+    let start = Instant::now();
+    while publisher.has_viewer() {
+        assert!(start.elapsed() < Duration::from_secs(3), "the places are not free");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert!(answer_starts(&address, "HTTP/1.1 200 "));
+}
+
+/// A request that trickles in is given up after five seconds, not five seconds after its last byte; and who asks
+/// without end gets a bounded number of connections.
+#[test]
+fn who_asks_slowly_or_too_often_is_closed() {
+    let server = WebServer::new("127.0.0.1:0").unwrap();
+    let address = address(&server);
+    let mut slow: Vec<TcpStream> =
+        (0..64).map(|_| ask(&address, "GET /events HTTP/1.1\r\n")).collect();
+    let start = Instant::now();
+    // the sixty-fifth is closed unheard
+    let mut one_more = TcpStream::connect(&address).unwrap();
+    one_more.set_read_timeout(Some(LIMIT)).unwrap();
+    let ended = one_more.read(&mut [0]).map_or(true, |bytes| bytes == 0);
+    assert!(ended && start.elapsed() < Duration::from_secs(4), "{:?}", start.elapsed());
+    let slowest = slow.last_mut().unwrap();
+    slowest.set_read_timeout(Some(Duration::from_millis(500))).unwrap();
+    let is_closed = loop {
+        assert!(start.elapsed() < LIMIT, "a request that trickles is waited for");
+        let wrote = slowest.write_all(b"A");
+        match slowest.read(&mut [0]) {
+            Ok(0) => break true,
+            Err(error) if error.kind() == std::io::ErrorKind::WouldBlock && wrote.is_ok() => {}
+            answered => break answered.is_err(),
+        }
+    };
+    assert!(is_closed && start.elapsed() < Duration::from_secs(9), "{:?}", start.elapsed());
+    // their places are free again
+    let start = Instant::now();
+    let page = get("/", &address);
+    loop {
+        let mut stream = TcpStream::connect(&address).unwrap();
+        stream.set_read_timeout(Some(LIMIT)).unwrap();
+        let mut text = [0; 12];
+        let asked = stream.write_all(page.as_bytes()).and_then(|()| stream.read_exact(&mut text));
+        if asked.is_ok() && &text == b"HTTP/1.1 200" {
+            break;
+        }
+        assert!(start.elapsed() < LIMIT, "the page is not served any more");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}

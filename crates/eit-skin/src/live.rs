@@ -94,8 +94,14 @@ pub trait LiveObserver {
     /// One ends the loop.
     fn frame(&mut self, frame: &LiveFrame<'_>) -> Result<(), Self::Error>;
 
-    /// Whether anybody looks at images: touches do without, and come sooner where none is made.
+    /// Whether anybody may look at images, asked once before the first frame: touches do without, and come
+    /// sooner where none is made.
     fn wants_images(&self) -> bool {
+        true
+    }
+
+    /// Whether anybody looks at the image of the frame at hand, asked for each frame where somebody may.
+    fn wants_image(&self) -> bool {
         true
     }
 
@@ -191,7 +197,9 @@ impl LiveModel {
                 }
                 Pushed::Shown(shown) => {
                     observer.touches(&shown)?;
-                    stream.make_image(&frame)?;
+                    if observer.wants_image() {
+                        stream.make_image(&frame)?;
+                    }
                     if let Some(shown) = stream.shown(&frame) {
                         summary.take_frame(&shown);
                         observer.frame(&shown)?;

@@ -86,7 +86,7 @@ impl Presses {
             before_first: Some(FIRST_FRAME + k * EACH - 4),
             before_last: Some(FIRST_FRAME + k * EACH - 1),
         };
-        PressTable { presses: range.map(press).collect(), place: "table".to_owned() }
+        PressTable::new(range.map(press).collect(), "table").unwrap()
     }
 }
 
@@ -171,7 +171,8 @@ fn twelve_presses_give_newtons() {
         let pressed = PressFrames::new(&table, &fitted.frames).unwrap();
         let learned =
             LearnedSkin::learn(&fitted, &pressed, Frame::Scene, None, &mut Progress::silent())
-                .unwrap();
+                .unwrap()
+                .skin;
         let file = folder.join(format!("{seed}.learned"));
         std::fs::write(&file, learned.to_bytes().unwrap()).unwrap();
         assert_same(&LearnedSkin::read(&file).unwrap(), &learned);

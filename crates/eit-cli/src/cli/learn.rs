@@ -9,8 +9,9 @@ pub(crate) struct LearnArgs {
     /// Scene file or built-in scene.
     pub scene: String,
     /// Table of the presses, a line each in the order of time, with a header: x_m, y_m and where
-    /// wanted z_m, force_n, depth_m, first_frame, last_frame (of the press, from 0), before_first,
-    /// before_last (of the untouched skin before it).
+    /// wanted z_m, force_n, first_frame, last_frame (of the press, from 0), before_first,
+    /// before_last (of the untouched skin before it), depth_m (allowed, and not used). A frame belongs to
+    /// one press, and shows it: a line whose frames hold some of the untouched skin is refused.
     #[arg(long, value_name = "P.csv")]
     pub presses: PathBuf,
     /// Frames of the presses, one file or several; without it recording.file of the scene. Without
@@ -26,11 +27,12 @@ pub(crate) struct LearnArgs {
     /// all over the skin will do. Touches are then in the scene's coordinates.
     #[arg(long)]
     pub fit_frame: bool,
-    /// An earlier file of the same skin: its presses count, too. A few new presses bring an old file
-    /// back after the skin has drifted.
+    /// An earlier file of the same skin: its presses count, too, beside new ones. With --fit-frame the
+    /// new table is in the coordinates of the old one. What it brings is in the answer: the learning curve
+    /// begins with the earlier file alone.
     #[arg(long, value_name = "OLD")]
     pub with: Option<PathBuf>,
-    /// What was learnt; the learning curve goes beside it, with the endings csv and png.
+    /// What was learnt; the learning curve goes beside it: F.curve.csv and F.curve.png.
     #[arg(long, value_name = "F.learned")]
     pub out: PathBuf,
 }

@@ -91,6 +91,13 @@ impl<'a> Viewer<'a> {
         self.silent_since.is_some()
     }
 
+    /// Whether images are seen besides those of the page; where nothing else is asked for, the summary tells of
+    /// them.
+    fn is_seen(&self) -> bool {
+        let is_kept = self.picture.is_some() || self.kept.is_some();
+        self.terminal.is_on() || is_kept || self.publisher.is_none()
+    }
+
     /// Ends recording and writes what was kept; the names of the files.
     pub fn finish(self) -> Result<Vec<&'static str>, CliError> {
         if let Some(publisher) = self.publisher {
@@ -178,8 +185,11 @@ impl LiveObserver for Viewer<'_> {
     }
 
     fn wants_images(&self) -> bool {
-        let is_seen = self.terminal.is_on() || self.picture.is_some() || self.kept.is_some();
-        is_seen || self.publisher.as_ref().is_none_or(Publisher::has_web)
+        self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::has_web)
+    }
+
+    fn wants_image(&self) -> bool {
+        self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::has_viewer)
     }
 
     fn goes_on(&mut self, summary: &Summary) -> bool {

@@ -25,6 +25,10 @@ const NOISES: [f64; 2] = [0.1, 0.3];
 const PULLS: [Option<f64>; 3] = [None, Some(0.05), Some(0.5)];
 const INDEPENDENT_CHANNELS: [f64; 4] = [8.0, 15.0, 30.0, 60.0];
 
+/// Presses nearer to their middle than this, root mean square, metres, are at one place: a nanometre is far below
+/// any robot's step, and far above the rounding of coordinates.
+const LEAST_SPREAD_M: f64 = 1e-9;
+
 /// A press that leaves more than this many times what held-out presses leave, at the level below, is unlike.
 const UNLIKE: f64 = 1.5;
 const UNLIKE_LEVEL: f64 = 0.95;
@@ -63,6 +67,8 @@ pub struct Choice {
     pub map: ResponseMap,
     /// Errors of the presses by cross-validation.
     pub errors: FoldErrors,
+    /// Part of each press's frame, 0 to 1, that a touch at no place explains by what the other folds teach.
+    pub rests: Vec<f64>,
     /// Combinations of parameters that were tried.
     pub tried: usize,
 }
@@ -83,7 +89,7 @@ impl ResponseMap {
         presses.validate(LEAST_PRESSES)?;
         model.validate(presses)?;
         let spread_m = spread_m(&presses.places_m);
-        if spread_m <= 0.0 {
+        if spread_m <= LEAST_SPREAD_M {
             return Err(InverseError::PressesAtOnePlace { presses: presses.places_m.len() });
         }
         let data = UnitData::new(presses, model);
@@ -116,8 +122,9 @@ impl ResponseMap {
         };
         let mut map = Self::with_settings(presses, model, settings)?;
         map.covariance_factor = held.factor;
-        map.rest_limit = rest_limit(presses, model, &folds, &data, &settings)?;
-        Ok(Choice { map, errors: FoldErrors { errors_m: held.errors_m }, tried })
+        let rests = held_rests(presses, model, &folds, &data, &settings)?;
+        map.rest_limit = (UNLIKE * quantile(&rests, UNLIKE_LEVEL)).min(1.0);
+        Ok(Choice { map, errors: FoldErrors { errors_m: held.errors_m }, rests, tried })
     }
 }
 
@@ -197,19 +204,21 @@ fn locate(
     Held { errors_m, factor: if traces > 0.0 { squares / traces } else { 1.0 } }
 }
 
-/// What held-out presses leave unexplained, with room.
-fn rest_limit(
+/// What each press leaves unexplained by its fold.
+fn held_rests(
     presses: &Presses,
     model: &ModelResponses,
     folds: &[[Vec<usize>; 2]],
     data: &UnitData,
     settings: &ResponseMapSettings,
-) -> Result<f64, InverseError> {
+) -> Result<Vec<f64>, InverseError> {
     let ResponseMapSettings { length_m, noise, gain_pull, .. } = *settings;
-    let mut all = Vec::new();
+    let mut all = vec![0.0; presses.places_m.len()];
     for fold in &geometries(presses, model, folds, length_m, noise)? {
         let (responses, held) = fit_fold(fold, data, gain_pull);
-        all.extend(rests(&responses, &held));
+        for (rest, &press) in rests(&responses, &held).into_iter().zip(&fold.of[1]) {
+            all[press] = rest;
+        }
     }
-    Ok((UNLIKE * quantile(&all, UNLIKE_LEVEL)).min(1.0))
+    Ok(all)
 }

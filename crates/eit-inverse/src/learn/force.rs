@@ -4,10 +4,14 @@
 //! ln F = b0 + b1 u + b2 u^2 + b3 r^2 + b4 r^4 + b5 x + b6 y,    u = ln(strength / middle strength)
 //! ```
 //!
-//! `r`, `x`, `y` are distances from the middle of the skin as parts of its radius: the response of a sheet
-//! depends on the place even where its strength is corrected by the model. How many of the terms the data
-//! carry is chosen by leave-one-out; each is held by a ridge. Force rises with strength everywhere: a curve
-//! that would fall within what was learnt loses its `u^2`, and beyond that range goes on along its tangent.
+//! `x`, `y`, `z` are distances from the middle of the skin as parts of its radius, and `r^2 = x^2 + y^2 + z^2`, at
+//! most 1: the response of a sheet depends on the place even where its strength is corrected by the model. The
+//! middle strength is the median of those learnt. Seven choices of terms are tried, from `b0 + b1 u` to all; each
+//! term is held by a ridge, and a choice is taken where its leave-one-out error is less than 0.95 of the best before.
+//! Force rises with strength: a choice whose slope in `u` is below 0.05 anywhere within what was learnt is not
+//! taken. Where even the straight line `b0 + b1 u` is flatter than that (forces that do not follow the strengths),
+//! its slope is set to 0.05, and the error says how little is known. Beyond the learnt strengths the curve goes on
+//! along its tangent, and its deviation grows.
 
 use super::choose::quantile;
 use crate::InverseError;
@@ -35,6 +39,10 @@ const PRIOR_ERROR: f64 = 0.05;
 const LEAST_FORCES: usize = 3;
 /// The least slope of `ln F` over `ln strength`.
 const LEAST_SLOPE: f64 = 0.05;
+/// A choice of terms must err by less than this part of the best before it.
+const GAIN: f64 = 0.95;
+/// Deviation of `ln F` for each factor `e` of strength beyond what was learnt: a guess, which no data checks.
+const BEYOND_STD: f64 = 0.3;
 
 /// A press with a known force.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,26 +67,26 @@ pub struct ForceEstimate {
 /// Strength and place to newtons.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ForceCurve {
-    /// Coefficients; those left out are zero.
+    /// `b0` to `b6` of `ln F`, `F` in newtons; those left out are zero.
     pub coefficients: [f64; TERMS],
-    /// Covariance of the coefficients, row by row.
+    /// Covariance of the coefficients, row by row; zero for those left out.
     pub covariance: Vec<f64>,
-    /// Middle of the skin, metres, and its radius.
+    /// Middle of the skin, metres.
     pub middle_m: [f64; 3],
-    /// See there.
+    /// Radius of the skin, metres.
     pub radius_m: f64,
-    /// Middle of the logarithms of the strengths, and their range about it.
+    /// Median of the logarithms of the strengths.
     pub middle_ln: f64,
-    /// See there.
+    /// Least and largest logarithm of a strength, less the median.
     pub range_ln: [f64; 2],
-    /// Standard deviation of `ln F` of a press that was not learnt, by leave-one-out.
+    /// Root mean square error of `ln F` over the presses, each left out once.
     pub error_ln: f64,
-    /// Forces that were learnt, newtons.
+    /// Least and largest force that was learnt, newtons.
     pub forces_n: [f64; 2],
 }
 
 impl ForceCurve {
-    /// Coefficients.
+    /// Number of coefficients.
     pub const TERMS: usize = TERMS;
 
     /// Learns from presses of known force on a skin with this middle and radius.
@@ -130,8 +138,10 @@ impl ForceCurve {
         Ok(made)
     }
 
-    /// The force of a touch; `place_std_m` is the standard deviation of its place, `strength_std` that of its
-    /// strength as a part of it.
+    /// The force of a touch of this strength at this place; `strength_std` is the standard deviation of the
+    /// strength as a part of it. The deviation of the force holds that, the leave-one-out error, the covariance of
+    /// the coefficients, and how far the strength is beyond those learnt; that of the place is not in it. A touch
+    /// without strength has no force, of which nothing is known.
     pub fn force(&self, strength: f64, place_m: [f64; 3], strength_std: f64) -> ForceEstimate {
         if !(strength > 0.0 && strength.is_finite()) {
             return ForceEstimate { force_n: 0.0, std_n: f64::INFINITY };
@@ -151,7 +161,7 @@ impl ForceCurve {
         let std_ln = (self.error_ln.powi(2)
             + variance.max(0.0)
             + (slope * strength_std).powi(2)
-            + (0.3 * beyond).powi(2))
+            + (BEYOND_STD * beyond).powi(2))
         .sqrt();
         let force_n = ln_force.exp();
         ForceEstimate { force_n, std_n: force_n * std_ln }
@@ -169,7 +179,7 @@ impl ForceCurve {
         [1.0, u, u * u, r2, r2 * r2, part[0], part[1]]
     }
 
-    /// Fits a choice of terms, and keeps it where leave-one-out errs less.
+    /// Fits a choice of terms, and keeps it where leave-one-out errs less and force rises with strength.
     fn attempt(&mut self, samples: &[ForceSample], terms: &[usize]) -> Result<(), InverseError> {
         let size = terms.len();
         let rows: Vec<Vec<f64>> = samples
@@ -215,14 +225,29 @@ impl ForceCurve {
             }
         }
         let is_monotone = made.range_ln.iter().all(|u| made.slope(*u) >= LEAST_SLOPE);
-        // a further term must bring something
-        let is_better = error_ln < 0.95 * self.error_ln;
-        if is_better && (is_monotone || !self.error_ln.is_finite()) {
-            if !is_monotone {
-                (made.coefficients[1], made.coefficients[2]) = (LEAST_SLOPE, 0.0);
-            }
+        let is_first = !self.error_ln.is_finite();
+        if is_first && !is_monotone {
+            made.flatten(samples);
+            *self = made;
+        } else if is_monotone && error_ln < GAIN * self.error_ln {
             *self = made;
         }
         Ok(())
+    }
+
+    /// The straight line of least slope: its constant is the mean of what is left, and its error what is left of
+    /// each press by the others.
+    fn flatten(&mut self, samples: &[ForceSample]) {
+        let left =
+            |s: &ForceSample| s.force_n.ln() - LEAST_SLOPE * (s.strength.ln() - self.middle_ln);
+        let left: Vec<f64> = samples.iter().map(left).collect();
+        let count = left.len() as f64;
+        let mean = left.iter().sum::<f64>() / count;
+        let square = left.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+        self.coefficients = [mean, LEAST_SLOPE, 0.0, 0.0, 0.0, 0.0, 0.0];
+        // a mean of the others is off by count / (count - 1) times as much
+        self.error_ln = square.sqrt() * count / (count - 1.0);
+        self.covariance.fill(0.0);
+        self.covariance[0] = self.error_ln.powi(2) / count;
     }
 }

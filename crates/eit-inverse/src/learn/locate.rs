@@ -18,7 +18,8 @@ pub struct Located {
     pub strength_s_m2: f64,
     /// Part of the frame that a touch at the best place leaves unexplained, 0 to 1.
     pub rest: f64,
-    /// Whether the frame is unlike every press that was learnt: it leaves more than they and the noise do.
+    /// Whether the frame is unlike every press that was learnt: it leaves more than they, the other touches and the
+    /// noise do.
     pub is_unlike: bool,
 }
 
@@ -64,9 +65,15 @@ pub struct Locator {
     /// Square of the distance of neighbouring candidates, square metres.
     cell_m2: f64,
     is_missing: Vec<bool>,
+    /// Channels that are present, and the part of a response's square that is theirs, in the mean of candidates.
+    present: usize,
+    present_part: f64,
     frame: Vec<f64>,
     weights: Vec<f64>,
-    /// Noise of a frame on the channels' scale: sum of variances.
+    /// The candidate that explains most of the last frame, and its amplitude.
+    best: Option<(usize, f64)>,
+    /// Noise of each channel on its scale, as a variance, and the sum over the present ones.
+    noises: Vec<f64>,
     noise: f64,
 }
 
@@ -85,16 +92,21 @@ impl Locator {
             .flat_map(|row| row.iter().zip(&scales).map(|(r, s)| r * s).collect::<Vec<_>>())
             .collect();
         let squares = whitened.chunks_exact(channels.max(1)).map(|row| dot(row, row)).collect();
-        let noise = noise_std.iter().zip(&scales).map(|(e, s)| (e * s).powi(2)).sum();
+        let noises: Vec<f64> =
+            noise_std.iter().zip(&scales).map(|(e, s)| (e * s).powi(2)).collect();
         Ok(Self {
             cell_m2: cell_m2(&map.candidates_m),
             is_missing: vec![false; channels],
+            present: channels,
+            present_part: 1.0,
+            best: None,
             frame: vec![0.0; channels],
             weights: vec![0.0; map.candidates_m.len()],
             whitened,
             squares,
             scales,
-            noise,
+            noise: noises.iter().sum(),
+            noises,
             map,
         })
     }
@@ -104,7 +116,8 @@ impl Locator {
         &self.map
     }
 
-    /// Which channels are not to be used from the next frame on.
+    /// Which channels are not to be used from the next frame on: the likelihood of a place is then that of the
+    /// others.
     pub fn set_missing(&mut self, is_missing: impl Fn(usize) -> bool) {
         let mut changed = false;
         for (i, missing) in self.is_missing.iter_mut().enumerate() {
@@ -115,6 +128,10 @@ impl Locator {
             return;
         }
         let channels = self.is_missing.len();
+        self.present = self.is_missing.iter().filter(|missing| !**missing).count();
+        self.present_part = self.part_of_present();
+        let noises = self.noises.iter().zip(&self.is_missing);
+        self.noise = noises.filter(|(_, missing)| !**missing).map(|(noise, _)| noise).sum();
         for (square, row) in self.squares.iter_mut().zip(self.whitened.chunks_exact(channels)) {
             let present = row.iter().zip(&self.is_missing).filter(|(_, missing)| !**missing);
             *square = present.map(|(r, _)| r * r).sum();
@@ -132,11 +149,13 @@ impl Locator {
         near: Option<([f64; 3], f64)>,
         others: f64,
     ) -> Option<Located> {
+        self.best = None;
         let whole = self.take(difference)?;
         let channels = self.frame.len();
-        // a frame of length 1 has the map's variances; noise and other touches add theirs
-        let length2: f64 = self.present(difference).map(|v| v * v).sum();
-        let room = (self.noise / channels as f64 + others * others * self.map.settings.noise)
+        // a whole frame of length 1 has the map's variances; noise and other touches add theirs
+        let length2 = self.present(difference).map(|v| v * v).sum::<f64>() / self.present_part;
+        let present = self.present as f64;
+        let room = (self.noise / present + others * others * self.map.settings.noise)
             / length2.max(f64::MIN_POSITIVE);
         let scale = self.map.settings.independent_channels / channels as f64;
         let unit = length2.max(f64::MIN_POSITIVE).recip();
@@ -146,24 +165,40 @@ impl Locator {
             let explained = product * product / self.squares[c].max(f64::MIN_POSITIVE);
             let variance = self.map.variance[c] + room;
             let rest = (whole - explained).max(0.0) * unit;
-            self.weights[c] = scale * (rest / variance + channels as f64 * variance.ln());
+            self.weights[c] = scale * (rest / variance + present * variance.ln());
             if near.is_some_and(|(place, m)| distance_m(place, self.map.candidates_m[c]) > m) {
                 self.weights[c] = f64::INFINITY;
             } else if explained > most {
-                (best, most) = (Some(c), explained);
+                (best, most) = (Some((c, product / self.squares[c])), explained);
             }
         }
+        self.best = best;
         best?;
-        Some(self.report(whole, most))
+        // what the map of the others leaves, on the channels' scale
+        let left_by_others = others * others * whole / length2.max(f64::MIN_POSITIVE);
+        Some(self.report(whole, most, left_by_others))
     }
 
-    /// What a located touch did to the channels, added to `out` times `factor`: the response averaged over the
-    /// posterior of the last [`locate`](Self::locate).
-    pub fn add_response(&self, factor: f64, out: &mut [f64]) {
-        let weights = self.weights.iter().zip(self.map.responses.rows());
-        for (weight, row) in weights.filter(|(weight, _)| **weight > 1e-3) {
-            out.iter_mut().zip(row).for_each(|(out, r)| *out += factor * weight * r);
+    /// Part of the responses' squares in the present channels; 1 where no response has any.
+    fn part_of_present(&self) -> f64 {
+        let (mut present, mut whole) = (0.0, 0.0);
+        for row in self.map.responses.rows() {
+            for (response, missing) in row.iter().zip(&self.is_missing) {
+                let square = response * response;
+                whole += square;
+                present += if *missing { 0.0 } else { square };
+            }
         }
+        if present > 0.0 { present / whole } else { 1.0 }
+    }
+
+    /// Adds to `out` what the touch of the last [`locate`](Self::locate) did to the channels, by the one place that
+    /// explains most of its frame. The mean over all places that it may have is flatter than any response, and
+    /// would leave much of the touch where it is subtracted.
+    pub fn add_response(&self, out: &mut [f64]) {
+        let Some((candidate, amplitude)) = self.best else { return };
+        let response = self.map.responses.row(candidate);
+        out.iter_mut().zip(response).for_each(|(out, r)| *out += amplitude * r);
     }
 
     /// Whitens the channels that are present; their squared length, `None` where it is zero.
@@ -180,7 +215,7 @@ impl Locator {
         values.filter(|(_, missing)| !**missing).map(|(v, _)| *v)
     }
 
-    fn report(&mut self, whole: f64, most: f64) -> Located {
+    fn report(&mut self, whole: f64, most: f64, others: f64) -> Located {
         let map = &self.map;
         let found = posterior_of_misfits(&mut self.weights, &map.candidates_m);
         let channels = self.frame.len();
@@ -209,7 +244,7 @@ impl Locator {
             amplitude: amplitude / sum,
             strength_s_m2: strength / sum,
             rest: 1.0 - (most / whole).min(1.0),
-            is_unlike: whole - most > map.rest_limit * whole + 2.0 * self.noise,
+            is_unlike: whole - most > map.rest_limit * (whole + others) + 2.0 * self.noise,
         }
     }
 }

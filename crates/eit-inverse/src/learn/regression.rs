@@ -6,7 +6,8 @@
 //! ```
 //!
 //! Leave-one-out errors are in closed form, so that all pairs of parameters cost one inverse each. It needs
-//! no model of the skin and knows one touch at a time.
+//! no model of the skin, and it knows one touch at a time and whole frames only: distances between frames are
+//! over all channels.
 //!
 //! Source: Rasmussen, Williams, *Gaussian Processes for Machine Learning* (2006), sections 2.7 and 5.4.2.
 
@@ -103,7 +104,7 @@ impl PlaceRegression {
         Ok(Frames::new(presses, settings.is_standardised)?.fit(settings)?.0)
     }
 
-    /// The place of a frame of differences, `[channel]`.
+    /// The place of a frame of differences, `[channel]`, all of them present.
     ///
     /// # Errors
     /// A wrong length; a frame of zeros or one that is not finite.

@@ -6,6 +6,7 @@ use eit_inverse::learn::{
     candidates,
 };
 use eit_mesh::{Mesh, MeshSettings, RimElectrodes, SkinShape, generate};
+use fixtures::hydrogel::{mean, quadruples, quantile, values};
 use ndarray::{Array2, Axis};
 use std::path::Path;
 use std::time::Instant;
@@ -23,29 +24,11 @@ struct Model {
     at_candidates: Array2<f64>,
 }
 
-fn quadruples(folder: &Path) -> Vec<[u32; 4]> {
-    let text = std::fs::read_to_string(folder.join("quadruples_192.csv")).unwrap();
-    let line = |line: &str| {
-        let codes: Vec<u32> = line.split(',').map(|c| c.trim().parse::<u32>().unwrap()).collect();
-        assert!(codes.len() == 4 && codes.iter().all(|code| code % 2 == 0), "{line}");
-        [0, 1, 2, 3].map(|k| codes[k] / 2)
-    };
-    text.lines().map(line).collect()
-}
-
-fn values(folder: &Path, name: &str) -> Array2<f64> {
-    let path = folder.join(name);
-    match ndarray_npy::read_npy::<_, Array2<f32>>(&path) {
-        Ok(singles) => singles.mapv(f64::from),
-        Err(_) => ndarray_npy::read_npy(&path).unwrap(),
-    }
-}
-
 fn model(folder: &Path) -> Model {
     let shape = SkinShape::Disc { radius_m: RADIUS_M };
     let electrodes = RimElectrodes::equally_spaced(16, 0.004);
     let mesh = generate(&shape, &electrodes, &MeshSettings::with_edge(0.006)).unwrap();
-    let protocol = Protocol::from_quadruples(16, &quadruples(folder), 1.0).unwrap();
+    let protocol = Protocol::from_quadruples(16, &quadruples(folder).unwrap(), 1.0).unwrap();
     let model = ForwardModel::new(&mesh, &protocol, &[1e-3; 16]).unwrap();
     let sheet = vec![1.0; model.elements()];
     let mut workspace = model.workspace().unwrap();
@@ -61,28 +44,18 @@ fn model(folder: &Path) -> Model {
 fn presses(name: &str, folder: &Path) -> Presses {
     let (frames, places) = match name {
         "hydrogel_presses" => (
-            values(folder, "press_response_2000x192.npy"),
-            values(folder, "press_xyz_2000x3_m.npy"),
+            values(folder, "press_response_2000x192.npy").unwrap(),
+            values(folder, "press_xyz_2000x3_m.npy").unwrap(),
         ),
         _ => {
-            let up = values(folder, "superpose500_responseups.npy");
-            let down = values(folder, "superpose500_responsedowns.npy");
-            (down - up, values(folder, "superpose500_positions.npy"))
+            let up = values(folder, "superpose500_responseups.npy").unwrap();
+            let down = values(folder, "superpose500_responsedowns.npy").unwrap();
+            (down - up, values(folder, "superpose500_positions.npy").unwrap())
         }
     };
     // height and depth are no places on the skin
     let places_m = places.rows().into_iter().map(|p| [p[0], p[1], 0.0]).collect();
     Presses { frames, places_m }
-}
-
-fn quantile(values: &[f64], part: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[(part * (sorted.len() - 1) as f64).round() as usize]
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
 }
 
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {

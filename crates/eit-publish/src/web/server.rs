@@ -1,29 +1,31 @@
-//! Browsers that come and go, and what each of them gets.
+//! Browsers that come and go, and what all of them get.
 
-use super::request::{Access, read};
-use super::{PAGE, SkinShape};
+use super::SkinShape;
+use super::connection::answer;
+use super::request::Access;
 use crate::error::PublishError;
-use std::io::{self, BufReader, Write};
+use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs as _};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Browsers at once.
 const MOST_BROWSERS: usize = 16;
+/// Connections at once, each with a thread: those of browsers, and of who asks for something else.
+const MOST_CONNECTIONS: usize = 64;
+/// After a connection that could not be taken, such as for want of file handles: it would fail again at once.
+const AFTER_FAILURE: Duration = Duration::from_millis(50);
 /// Lines that wait for a browser; one that is slower misses some.
 const WAITING_LINES: usize = 64;
 /// Frames and images at most so often: no eye sees more.
 const FRAME_EVERY: Duration = Duration::from_millis(33);
 const IMAGE_EVERY: Duration = Duration::from_millis(66);
-/// A browser that neither asks nor reads for so long is gone.
-const PATIENCE: Duration = Duration::from_secs(5);
-
 /// How long the end waits for the last lines to go out.
 const LAST_LINES: Duration = Duration::from_millis(300);
 
-type Line = Arc<[u8]>;
+pub(super) type Line = Arc<[u8]>;
 
 /// Serves the page until it is dropped.
 #[derive(Debug)]
@@ -34,20 +36,80 @@ pub struct WebServer {
     last_image: Option<Instant>,
 }
 
+/// What the threads of the server have in common.
 #[derive(Debug)]
-struct Shared {
-    access: Access,
+pub(super) struct Shared {
+    pub access: Access,
     /// What a browser hears first: the skin, once it is known.
     skin: Mutex<Option<Line>>,
-    browsers: Mutex<Vec<SyncSender<Line>>>,
-    /// Threads that still send.
+    browsers: Mutex<Vec<Browser>>,
+    /// Threads that still send to a browser.
     sending: AtomicUsize,
+    connections: AtomicUsize,
     is_over: AtomicBool,
 }
 
+/// Who hears of everything, by a number of its own.
+#[derive(Debug)]
+struct Browser {
+    number: usize,
+    lines: SyncSender<Line>,
+}
+
+/// A browser's place; it is free again when this is dropped.
+pub(super) struct Place<'a> {
+    shared: &'a Shared,
+    number: usize,
+    pub lines: Receiver<Line>,
+}
+
+impl Drop for Place<'_> {
+    fn drop(&mut self) {
+        self.shared.browsers().retain(|browser| browser.number != self.number);
+        self.shared.sending.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
+/// One of the connections at once, until it is dropped.
+struct Connection(Arc<Shared>);
+
+impl Connection {
+    /// `None` where there are enough.
+    fn new(shared: &Arc<Shared>) -> Option<Self> {
+        // counted before it is known: one that is dropped counts itself out again
+        let before = shared.connections.fetch_add(1, Ordering::Relaxed);
+        let connection = Self(Arc::clone(shared));
+        (before < MOST_CONNECTIONS).then_some(connection)
+    }
+}
+
+impl Drop for Connection {
+    fn drop(&mut self) {
+        self.0.connections.fetch_sub(1, Ordering::Relaxed);
+    }
+}
+
 impl Shared {
-    fn browsers(&self) -> MutexGuard<'_, Vec<SyncSender<Line>>> {
+    fn browsers(&self) -> MutexGuard<'_, Vec<Browser>> {
         self.browsers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A place for a browser; `None` where all are taken.
+    pub fn place(&self) -> Option<Place<'_>> {
+        let mut browsers = self.browsers();
+        if browsers.len() >= MOST_BROWSERS {
+            return None;
+        }
+        let number = (0..).find(|number| browsers.iter().all(|other| other.number != *number))?;
+        let (sender, lines) = sync_channel(WAITING_LINES);
+        browsers.push(Browser { number, lines: sender });
+        self.sending.fetch_add(1, Ordering::Relaxed);
+        Some(Place { shared: self, number, lines })
+    }
+
+    /// The skin, once it is known.
+    pub fn skin(&self) -> Option<Line> {
+        self.skin.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 
@@ -72,11 +134,15 @@ impl WebServer {
             skin: Mutex::default(),
             browsers: Mutex::default(),
             sending: AtomicUsize::new(0),
+            connections: AtomicUsize::new(0),
             is_over: AtomicBool::new(false),
         });
         let address = listener.local_addr().map_err(refuse)?;
         let serving = Arc::clone(&shared);
-        std::thread::spawn(move || listen(&listener, &serving));
+        std::thread::Builder::new()
+            .name("eit page".to_owned())
+            .spawn(move || listen(&listener, &serving))
+            .map_err(refuse)?;
         Ok(Self { shared, address, last_frame: None, last_image: None })
     }
 
@@ -109,7 +175,7 @@ impl WebServer {
         }
         let line: Line = line.into();
         browsers.retain(|browser| {
-            !matches!(browser.try_send(Arc::clone(&line)), Err(TrySendError::Disconnected(_)))
+            !matches!(browser.lines.try_send(Arc::clone(&line)), Err(TrySendError::Disconnected(_)))
         });
     }
 
@@ -120,9 +186,14 @@ impl WebServer {
         }
     }
 
+    /// Whether somebody looks.
+    pub(crate) fn has_browser(&self) -> bool {
+        !self.shared.browsers().is_empty()
+    }
+
     /// Whether somebody looks and the last image is old enough.
     pub(crate) fn wants_image(&mut self) -> bool {
-        !self.shared.browsers().is_empty() && is_due(&mut self.last_image, IMAGE_EVERY)
+        self.has_browser() && is_due(&mut self.last_image, IMAGE_EVERY)
     }
 }
 
@@ -160,86 +231,15 @@ fn listen(listener: &TcpListener, shared: &Arc<Shared>) {
         if shared.is_over.load(Ordering::Relaxed) {
             return;
         }
-        let Ok(stream) = stream else { continue };
-        let shared = Arc::clone(shared);
-        // a browser that goes away in the middle is no failure
-        std::thread::spawn(move || answer(stream, &shared));
-    }
-}
-
-fn answer(mut stream: TcpStream, shared: &Shared) -> io::Result<()> {
-    stream.set_read_timeout(Some(PATIENCE))?;
-    stream.set_write_timeout(Some(PATIENCE))?;
-    stream.set_nodelay(true)?;
-    let Some(request) = read(BufReader::new(&stream))? else {
-        return reply(&mut stream, "400 Bad Request", "not a request\n");
-    };
-    if !shared.access.allows(&request) {
-        return reply(&mut stream, "403 Forbidden", "open the address that was printed\n");
-    }
-    match (request.is_get, request.path.as_str()) {
-        (true, "/") => {
-            let head = "HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nConnection: close\r\n\
-                Cache-Control: no-store\r\nReferrer-Policy: no-referrer\r\nX-Content-Type-Options: nosniff\r\n\
-                Content-Security-Policy: default-src 'none'; style-src 'unsafe-inline'; script-src \
-                'unsafe-inline'; connect-src 'self'; frame-ancestors 'none'\r\n";
-            write!(stream, "{head}Content-Length: {}\r\n\r\n{PAGE}", PAGE.len())
-        }
-        (true, "/events") => {
-            let (sender, lines) = sync_channel(WAITING_LINES);
-            let is_full = {
-                let mut browsers = shared.browsers();
-                let is_full = browsers.len() >= MOST_BROWSERS;
-                if !is_full {
-                    browsers.push(sender);
-                    shared.sending.fetch_add(1, Ordering::Relaxed);
-                }
-                is_full
-            };
-            match is_full {
-                true => reply(&mut stream, "503 Service Unavailable", "too many browsers\n"),
-                false => {
-                    let sent = stream_events(stream, shared, &lines);
-                    shared.sending.fetch_sub(1, Ordering::Relaxed);
-                    sent
-                }
-            }
-        }
-        (true, _) => reply(&mut stream, "404 Not Found", "no such page\n"),
-        (false, _) => reply(&mut stream, "405 Method Not Allowed", "GET is all there is\n"),
-    }
-}
-
-fn reply(stream: &mut TcpStream, status: &str, text: &str) -> io::Result<()> {
-    write!(
-        stream,
-        "HTTP/1.1 {status}\r\nContent-Type: text/plain\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{text}",
-        text.len()
-    )
-}
-
-fn stream_events(mut stream: TcpStream, shared: &Shared, lines: &Receiver<Line>) -> io::Result<()> {
-    let head = "HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n\
-        Connection: close\r\n\r\n";
-    stream.write_all(head.as_bytes())?;
-    let mut event = Vec::new();
-    let mut say = |line: &[u8]| {
-        event.clear();
-        event.extend_from_slice(b"data: ");
-        event.extend_from_slice(line);
-        event.extend_from_slice(b"\n\n");
-        stream.write_all(&event)
-    };
-    let skin = shared.skin.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    if let Some(skin) = skin {
-        say(&skin)?;
-    }
-    loop {
-        match lines.recv_timeout(PATIENCE) {
-            Ok(line) => say(&line)?,
-            // shows whether it is still there
-            Err(RecvTimeoutError::Timeout) => say(b"{\"type\":\"still\"}")?,
-            Err(RecvTimeoutError::Disconnected) => return Ok(()),
-        }
+        let Ok(stream) = stream else {
+            std::thread::sleep(AFTER_FAILURE);
+            continue;
+        };
+        // one that is too many is closed unheard
+        let Some(connection) = Connection::new(shared) else { continue };
+        // a browser that goes away in the middle is no failure; without a thread it is closed, too
+        let _ = std::thread::Builder::new()
+            .name("eit browser".to_owned())
+            .spawn(move || answer(&stream, &connection.0));
     }
 }

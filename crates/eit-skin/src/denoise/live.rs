@@ -40,6 +40,11 @@ impl LiveNet {
         })
     }
 
+    /// Forgets the images before.
+    pub fn restart(&mut self) {
+        self.net.reset();
+    }
+
     /// Makes the next image of a raw one, both a value for each pixel of the skin; false where it
     /// does not explain the measurements and the raw one stays. `differences` are NaN where a value
     /// is missing.

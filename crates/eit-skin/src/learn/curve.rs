@@ -16,8 +16,10 @@ const LEAST_TESTED: usize = 5;
 /// A point of the curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurvePoint {
-    /// Presses that were learnt, the first in time.
+    /// Presses that were learnt: those of the earlier file, and the first of the table in time.
     pub learnt: usize,
+    /// Those of the earlier file among them.
+    pub earlier: usize,
     /// Presses after them.
     pub tested: usize,
     /// What places were taken from.
@@ -30,7 +32,8 @@ pub struct CurvePoint {
     pub time_s: f64,
 }
 
-/// Learns from the first presses and tests on all after them.
+/// Learns from the first presses, beside those of an earlier file, and tests on all after them. With an earlier
+/// file the first point is that file alone, tested on the whole table.
 ///
 /// # Errors
 ///
@@ -39,15 +42,17 @@ pub fn learning_curve(
     fitted: &FittedFrames,
     pressed: &PressFrames,
     frame: Frame,
+    earlier: Option<&LearnedSkin>,
     progress: &mut Progress,
 ) -> Result<Vec<CurvePoint>, SkinError> {
-    let counts: Vec<usize> =
-        COUNTS.into_iter().filter(|count| count + LEAST_TESTED <= pressed.len()).collect();
+    let alone = earlier.map(|_| 0);
+    let counts = alone.into_iter().chain(COUNTS);
+    let counts: Vec<usize> = counts.filter(|count| count + LEAST_TESTED <= pressed.len()).collect();
     progress.steps("learning curve", counts.len(), |bar| {
         counts
             .iter()
             .map(|&learnt| {
-                let made = point(fitted, pressed, frame, learnt);
+                let made = point(fitted, pressed, frame, earlier, learnt);
                 bar.inc();
                 made
             })
@@ -59,12 +64,16 @@ fn point(
     fitted: &FittedFrames,
     pressed: &PressFrames,
     frame: Frame,
+    earlier: Option<&LearnedSkin>,
     learnt: usize,
 ) -> Result<CurvePoint, SkinError> {
     let first = pressed.select(&(0..learnt).collect::<Vec<_>>());
     let rest = pressed.select(&(learnt..pressed.len()).collect::<Vec<_>>());
     let start = Instant::now();
-    let learned = LearnedSkin::learn(fitted, &first, frame, None, &mut Progress::silent())?;
+    let learned = match earlier.filter(|_| learnt == 0) {
+        Some(earlier) => earlier.clone(),
+        None => LearnedSkin::learn(fitted, &first, frame, earlier, &mut Progress::silent())?.skin,
+    };
     let time_s = start.elapsed().as_secs_f64();
     let tested = test(&learned, fitted, &rest)?;
     let force = (!tested.force_errors.is_empty()).then(|| {
@@ -73,7 +82,8 @@ fn point(
         [0.5, 0.9].map(|part| errors[(part * (errors.len() - 1) as f64).round() as usize])
     });
     Ok(CurvePoint {
-        learnt,
+        learnt: learned.presses.places_m.len(),
+        earlier: earlier.map_or(0, |earlier| earlier.presses.places_m.len()),
         tested: rest.len(),
         places_by: learned.places_by,
         place: PlaceErrors::of_errors(tested.errors_m),
@@ -115,7 +125,7 @@ fn test(
             Some(place) => {
                 super::presses::distance_m(learned.pose.to_table(place), pressed.places_m[k])
             }
-            None => super::radius_m(skin) / learned.pose.scale,
+            None => super::model::radius_m(skin) / learned.pose.scale,
         };
         errors_m.push(error_m);
         let Some((force, known_n)) = learned.force.as_ref().zip(pressed.forces_n[k]) else {
@@ -125,7 +135,7 @@ fn test(
             PlacesBy::Model => touch.map_or(0.0, |touch| touch.strength_s_m2.abs()),
             PlacesBy::Map | PlacesBy::Regression => located.map_or(0.0, |l| l.strength_s_m2),
         };
-        let place = place.unwrap_or(super::middle_m(skin));
+        let place = place.unwrap_or(super::model::middle_m(skin));
         let found = force.curve.force(strength, place, 0.0);
         force_errors.push((found.force_n / known_n - 1.0).abs());
     }

@@ -1,7 +1,10 @@
 //! The file of a learnt skin: a line that names format, version and checksum, then its content, as JSON.
 
+mod check;
+
 use super::{ErrorsByWay, LearnedForce, LearnedSkin, PlacesBy};
 use crate::error::SkinError;
+use crate::scene::read_file_of;
 use eit_inverse::learn::{ForceCurve, PlaceRegressionSettings, Pose, Presses, ResponseMapSettings};
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
@@ -10,6 +13,8 @@ use std::path::Path;
 const FORMAT: &str = "eit learned skin";
 /// Version that is written; others are refused.
 const VERSION: u32 = 1;
+/// Longest file; a thousand presses of a thousand measurements have twenty megabytes.
+const MOST_BYTES: u64 = 512 << 20;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -90,7 +95,10 @@ impl LearnedSkin {
     /// Numbers that are not finite.
     pub fn to_bytes(&self) -> Result<Vec<u8>, SkinError> {
         let failed = |e: serde_json::Error| SkinError::Failure(format!("learnt skin: {e}"));
-        let content = serde_json::to_string(&self.content()).map_err(failed)?;
+        let content = self.content();
+        // JSON would write what is not finite as null
+        content.check().map_err(|e| SkinError::Failure(format!("learnt skin: {e}")))?;
+        let content = serde_json::to_string(&content).map_err(failed)?;
         let crc32 = format!("{:08x}", crc32fast::hash(content.as_bytes()));
         let header = Header { format: FORMAT.to_owned(), version: VERSION, crc32 };
         let header = serde_json::to_string(&header).map_err(failed)?;
@@ -103,8 +111,7 @@ impl LearnedSkin {
     ///
     /// A file that cannot be read, is none of these, has another version or was damaged.
     pub fn read(path: &Path) -> Result<Self, SkinError> {
-        let bytes = std::fs::read(path)
-            .map_err(|e| SkinError::input(format!("{}: {e}", path.display())))?;
+        let bytes = read_file_of(path, MOST_BYTES)?;
         Self::from_bytes(&bytes).map_err(|e| e.within(&path.display().to_string()))
     }
 
@@ -184,22 +191,6 @@ impl LearnedSkin {
 }
 
 impl Content {
-    /// Lengths and indices that a written file cannot have wrong, and one by hand can.
-    fn check(&self) -> Result<(), SkinError> {
-        let (presses, channels) = (self.places_m.len(), self.channels.len());
-        let terms = ForceCurve::TERMS;
-        let is_right = self.frames.len() == presses
-            && self.forces_n.len() == presses
-            && self.ratios.len() == channels
-            && self.frames.iter().all(|frame| frame.len() == channels)
-            && self.channels.iter().all(|&i| i < self.measurements)
-            && self.channels.windows(2).all(|pair| pair[0] < pair[1])
-            && self.force.as_ref().is_none_or(|force| {
-                force.coefficients.len() == terms && force.covariance.len() == terms * terms
-            });
-        if is_right { Ok(()) } else { Err(SkinError::input("content: lengths do not fit")) }
-    }
-
     fn learned(self) -> Result<LearnedSkin, SkinError> {
         let PoseRecord { turn_rad, is_mirrored, scale, shift_m } = self.pose;
         let MapRecord { length_m, noise, gain_pull, independent_channels, .. } = self.map;

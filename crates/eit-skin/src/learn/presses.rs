@@ -1,6 +1,6 @@
 //! Frames of the presses of a table.
 
-use super::{PlaceErrors, PressTable};
+use super::{PlaceErrors, PressTable, touched};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::frames::Frames;
@@ -13,7 +13,7 @@ use std::ops::RangeInclusive;
 /// Frames of presses with what was subtracted from each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PressFrames {
-    /// `[press, measurement]`, volts.
+    /// `[press, measurement]`, volts; those of measurements that do not count are any.
     pub values: Array2<f64>,
     /// Of the untouched skin, `[press, measurement]`, volts.
     pub references: Array2<f64>,
@@ -21,6 +21,18 @@ pub struct PressFrames {
     pub places_m: Vec<[f64; 3]>,
     /// Newtons, where known.
     pub forces_n: Vec<Option<f64>>,
+    /// Lines of the table, from 1.
+    pub lines: Vec<usize>,
+    /// The table, for messages.
+    pub place: String,
+}
+
+/// Frames that a press is taken from.
+#[derive(Debug, Clone)]
+pub(super) struct PressRanges {
+    pub pressed: RangeInclusive<usize>,
+    /// Of the untouched skin; `None`: the reference of the recording.
+    pub before: Option<RangeInclusive<usize>>,
 }
 
 impl PressFrames {
@@ -28,53 +40,51 @@ impl PressFrames {
     ///
     /// # Errors
     ///
-    /// Frames that the recording does not have; as many frames as presses are needed where the table names
-    /// none.
+    /// Frames that the recording does not have, or that two presses share; as many frames as presses are needed
+    /// where the table names none; a measurement that counts and is bad in all frames of a press; a frame among
+    /// those of a press that does not show it.
     pub fn new(table: &PressTable, frames: &Frames) -> Result<Self, SkinError> {
-        let (count, measurements) = frames.values.dim();
-        let presses = &table.presses;
-        let unnamed = presses.iter().filter(|p| p.first_frame.is_none()).count();
-        if unnamed > 0 && (unnamed < presses.len() || presses.len() != count) {
-            return Err(SkinError::input(format!(
-                "{}: {} presses, {unnamed} of them without first_frame, and {count} frames: give every \
-                 press its first_frame and last_frame, or as many frames as presses",
-                table.place,
-                presses.len()
-            )));
-        }
-        let mut values = Array2::zeros((presses.len(), measurements));
-        let mut references = Array2::zeros((presses.len(), measurements));
-        for (k, press) in presses.iter().enumerate() {
-            let range = |first: usize, last: Option<usize>| -> Result<_, SkinError> {
-                let last = last.unwrap_or(first);
-                if last >= count {
-                    let what = format!("{}, line {}, frame {last}", table.place, k + 2);
-                    return Err(SkinError::NoSuchFrame { what, last: count - 1 });
-                }
-                Ok(first..=last)
-            };
-            let pressed = range(press.first_frame.unwrap_or(k), press.last_frame)?;
-            let before = press.before_first.map(|first| range(first, press.before_last));
-            for i in 0..measurements {
-                let reference = match before.as_ref() {
-                    Some(Ok(before)) => mean(frames, before, i),
-                    _ => Some(frames.reference[i]),
+        let ranges = ranges(table, frames.values.nrows())?;
+        touched::refuse_shared(table, &ranges)?;
+        let shape = (ranges.len(), frames.values.ncols());
+        let (mut values, mut references) = (Array2::zeros(shape), Array2::zeros(shape));
+        for (k, PressRanges { pressed, before }) in ranges.iter().enumerate() {
+            for i in 0..shape.1 {
+                let untouched = match before {
+                    Some(before) => mean(frames, before, i),
+                    None => Some(frames.reference[i]),
                 };
-                // a value that is bad in all frames says nothing of the press
-                let reference = reference.unwrap_or(frames.reference[i]);
-                references[[k, i]] = reference;
-                values[[k, i]] = mean(frames, &pressed, i).unwrap_or(reference);
-            }
-            if let Some(Err(error)) = before {
-                return Err(error);
+                for (what, range, found) in [
+                    ("before it", before.as_ref(), untouched),
+                    ("", Some(pressed), mean(frames, pressed, i)),
+                ] {
+                    if let (true, None, Some(range)) = (frames.used[i], found, range) {
+                        return Err(no_value(i, what, range).within(&table.name(k)));
+                    }
+                }
+                references[[k, i]] = untouched.unwrap_or(frames.reference[i]);
+                values[[k, i]] = mean(frames, pressed, i).unwrap_or(references[[k, i]]);
             }
         }
-        Ok(Self {
+        let presses = &table.presses;
+        let made = Self {
             values,
             references,
             places_m: presses.iter().map(|p| [p.x_m, p.y_m, p.z_m.unwrap_or(0.0)]).collect(),
             forces_n: presses.iter().map(|p| p.force_n).collect(),
-        })
+            lines: (0..presses.len()).map(|k| table.line(k)).collect(),
+            place: table.place.clone(),
+        };
+        touched::refuse_untouched(&made, &ranges, frames)?;
+        Ok(made)
+    }
+
+    /// What a press is called in messages.
+    pub fn name(&self, press: usize) -> String {
+        match self.lines.get(press) {
+            Some(line) => format!("{}, line {line}", self.place),
+            None => self.place.clone(),
+        }
     }
 
     /// Pressed less untouched, `[press, channel]`.
@@ -92,6 +102,8 @@ impl PressFrames {
             references: self.references.select(axis, which),
             places_m: which.iter().map(|&k| self.places_m[k]).collect(),
             forces_n: which.iter().map(|&k| self.forces_n[k]).collect(),
+            lines: which.iter().map(|&k| self.lines[k]).collect(),
+            place: self.place.clone(),
         }
     }
 
@@ -105,32 +117,74 @@ impl PressFrames {
         self.places_m.is_empty()
     }
 
+    /// Frame and reference of each, `[measurement]`.
+    pub(super) fn pairs(&self) -> impl Iterator<Item = [Vec<f64>; 2]> {
+        let pairs = self.values.rows().into_iter().zip(self.references.rows());
+        pairs.map(|(values, reference)| [values.to_vec(), reference.to_vec()])
+    }
+
     /// The strongest touch of each by the model alone; `None` where the noise is unknown.
+    ///
+    /// # Errors
+    ///
+    /// Settings that touches cannot be found with.
     pub fn detect(
         &self,
         fitted: &FittedFrames,
     ) -> Result<Option<Vec<Option<DetectedTouch>>>, SkinError> {
-        let rate_hz = fitted.frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
-        let finder = TouchFinder::new(fitted, rate_hz, &mut Progress::silent())?;
-        let Some(finder) = finder else { return Ok(None) };
-        let pairs = self.values.rows().into_iter().zip(self.references.rows());
-        let found = pairs
-            .map(|(values, reference)| finder.strongest(&values.to_vec(), &reference.to_vec()));
-        Ok(Some(found.collect::<Result<_, _>>()?))
+        strongest(fitted, self.pairs())
     }
+}
 
-    /// Errors of detected touches; a press that was not found errs by `missed_m`.
-    pub(super) fn errors_of(
-        &self,
-        detected: &[Option<DetectedTouch>],
-        missed_m: f64,
-    ) -> PlaceErrors {
-        let error = |(touch, place): (&Option<DetectedTouch>, &[f64; 3])| match touch {
-            Some(touch) => distance_m(touch.position_m, *place),
-            None => missed_m,
-        };
-        PlaceErrors::of_errors(detected.iter().zip(&self.places_m).map(error).collect())
+/// The strongest touch of each frame on its reference by the model alone; `None` where the noise is unknown.
+pub(super) fn strongest(
+    fitted: &FittedFrames,
+    pairs: impl Iterator<Item = [Vec<f64>; 2]>,
+) -> Result<Option<Vec<Option<DetectedTouch>>>, SkinError> {
+    let rate_hz = fitted.frames.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
+    let finder = TouchFinder::new(fitted, rate_hz, &mut Progress::silent())?;
+    let Some(finder) = finder else { return Ok(None) };
+    let found = pairs.map(|[values, reference]| finder.strongest(&values, &reference));
+    Ok(Some(found.collect::<Result<_, _>>()?))
+}
+
+/// The frames of each press.
+fn ranges(table: &PressTable, count: usize) -> Result<Vec<PressRanges>, SkinError> {
+    let presses = &table.presses;
+    let unnamed = presses.iter().filter(|p| p.first_frame.is_none()).count();
+    if unnamed > 0 && (unnamed < presses.len() || presses.len() != count) {
+        return Err(SkinError::input(format!(
+            "{}: {} presses, {unnamed} of them without first_frame, and {count} frames: give every \
+             press its first_frame and last_frame, or as many frames as presses",
+            table.place,
+            presses.len()
+        )));
     }
+    let range = |k: usize, first: usize, last: Option<usize>| {
+        let last = last.unwrap_or(first);
+        if last >= count {
+            let what = format!("{}, frame {last}", table.name(k));
+            return Err(SkinError::NoSuchFrame { what, last: count - 1 });
+        }
+        Ok(first..=last)
+    };
+    let of = |(k, press): (usize, &super::Press)| {
+        let before = press.before_first.map(|first| range(k, first, press.before_last));
+        Ok(PressRanges {
+            pressed: range(k, press.first_frame.unwrap_or(k), press.last_frame)?,
+            before: before.transpose()?,
+        })
+    };
+    presses.iter().enumerate().map(of).collect()
+}
+
+fn no_value(measurement: usize, what: &str, range: &RangeInclusive<usize>) -> SkinError {
+    let (first, last) = (range.start(), range.end());
+    let space = if what.is_empty() { "" } else { " " };
+    SkinError::input(format!(
+        "measurement {measurement} (from 0) is bad in all frames {first} to {last}{space}{what}: leave the \
+         press out, or the measurement or its electrode in the scene"
+    ))
 }
 
 impl PlaceErrors {
@@ -139,6 +193,19 @@ impl PlaceErrors {
         errors_m.sort_unstable_by(f64::total_cmp);
         let mean_m = errors_m.iter().sum::<f64>() / errors_m.len().max(1) as f64;
         Self { median_m: errors_m.get(errors_m.len() / 2).copied().unwrap_or(0.0), mean_m }
+    }
+
+    /// Of detected touches; a press that was not found errs by `missed_m`.
+    pub(super) fn of_detected(
+        detected: &[Option<DetectedTouch>],
+        places_m: &[[f64; 3]],
+        missed_m: f64,
+    ) -> Self {
+        let error = |(touch, place): (&Option<DetectedTouch>, &[f64; 3])| match touch {
+            Some(touch) => distance_m(touch.position_m, *place),
+            None => missed_m,
+        };
+        Self::of_errors(detected.iter().zip(places_m).map(error).collect())
     }
 }
 

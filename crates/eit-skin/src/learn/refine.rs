@@ -83,8 +83,9 @@ impl LearnedTouches {
         })
     }
 
-    /// The touches that the model has found, with what was learnt of each. Allocates nothing once made, except
-    /// where regression places them.
+    /// The touches that the model has found, with what was learnt of each: by the channels that are present.
+    /// Regression knows whole frames with one touch, and the map stands in for it in all others. Allocates nothing
+    /// once made, except where regression places them.
     pub fn refine(
         &mut self,
         values: &[f64],
@@ -97,15 +98,18 @@ impl LearnedTouches {
             return &self.touches;
         }
         self.touches.extend(found.iter().take(MOST));
-        self.locator.set_missing(|k| is_missing(self.channels[k]));
         for (difference, &i) in self.difference.iter_mut().zip(&self.channels) {
-            *difference = if is_missing(i) { 0.0 } else { values[i] - reference[i] };
+            *difference = if is_missing(i) { f64::NAN } else { values[i] - reference[i] };
         }
+        let Self { locator, difference, .. } = self;
+        locator.set_missing(|k| !difference[k].is_finite());
+        let is_whole = difference.iter().all(|d| d.is_finite());
+        difference.iter_mut().filter(|d| !d.is_finite()).for_each(|d| *d = 0.0);
         self.sweep();
-        let alone = self.touches.len() == 1;
+        let by_regression = is_whole && self.touches.len() == 1;
         for k in 0..self.touches.len() {
             let Some(located) = self.located[k] else { continue };
-            self.apply(k, &located, alone);
+            self.apply(k, &located, by_regression);
         }
         &self.touches
     }
@@ -131,9 +135,7 @@ impl LearnedTouches {
                 let located = self.locator.locate(&self.rest, near, others.sqrt());
                 let own = &mut self.responses[k * count..(k + 1) * count];
                 own.fill(0.0);
-                if let Some(located) = located {
-                    self.locator.add_response(located.amplitude, own);
-                }
+                self.locator.add_response(own);
                 self.located[k] = located;
             }
         }
@@ -152,7 +154,7 @@ impl LearnedTouches {
         Some((here, (NEAR_PART * nearest).max(NEAR_M)))
     }
 
-    fn apply(&mut self, k: usize, located: &Located, alone: bool) {
+    fn apply(&mut self, k: usize, located: &Located, by_regression: bool) {
         let touch = &mut self.touches[k];
         if located.is_unlike {
             touch.learnt = Some(LearntTouch { force_n: None, is_unlike: true });
@@ -164,7 +166,7 @@ impl LearnedTouches {
             if let Some(place) = self
                 .regression
                 .as_ref()
-                .filter(|_| alone)
+                .filter(|_| by_regression)
                 .and_then(|regression| regression.place(&self.difference).ok())
             {
                 touch.position_m = place.position_m;

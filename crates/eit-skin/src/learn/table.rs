@@ -1,8 +1,12 @@
 //! The table of presses: a CSV file with a line for each press.
 
 use crate::error::SkinError;
+use crate::scene::read_file_of;
 use serde::Deserialize;
 use std::path::Path;
+
+/// Longest table; ten thousand presses have a megabyte.
+const MOST_BYTES: u64 = 64 << 20;
 
 /// A line of the table.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -18,7 +22,7 @@ pub struct Press {
     /// How hard, newtons.
     #[serde(default)]
     pub force_n: Option<f64>,
-    /// How deep, metres: kept for reports.
+    /// How deep, metres: tables of robots have it, and nothing is learnt from it.
     #[serde(default)]
     pub depth_m: Option<f64>,
     /// First and last frame of the press, from 0; without them each press has one frame, in order.
@@ -38,10 +42,19 @@ pub struct Press {
 /// Presses in the order of time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PressTable {
-    /// The lines.
+    /// The presses.
     pub presses: Vec<Press>,
     /// The file, for messages.
     pub place: String,
+    /// Its line of each press, from 1.
+    lines: Vec<usize>,
+}
+
+/// Line of a record that begins at a byte, from 1: empty lines before it belong to no record.
+fn line_of(bytes: &[u8], begin: usize) -> usize {
+    let is_end = |byte: &&u8| matches!(**byte, b'\n' | b'\r');
+    let empty = bytes.iter().skip(begin).take_while(is_end).count();
+    1 + bytes.iter().take(begin + empty).filter(|byte| **byte == b'\n').count()
 }
 
 impl PressTable {
@@ -58,13 +71,40 @@ impl PressTable {
                  last_frame, before_first, before_last"
             ))
         };
-        let mut reader =
-            csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(path).map_err(refused)?;
-        let presses: Vec<Press> =
-            reader.deserialize().collect::<Result<_, _>>().map_err(refused)?;
-        let table = Self { presses, place };
+        let bytes = read_file_of(path, MOST_BYTES)?;
+        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(&*bytes);
+        let header = reader.headers().map_err(refused)?.clone();
+        let (mut presses, mut lines) = (Vec::new(), Vec::new());
+        for record in reader.records() {
+            let record = record.map_err(refused)?;
+            lines.push(line_of(&bytes, record.position().map_or(0, |at| at.byte() as usize)));
+            presses.push(record.deserialize(Some(&header)).map_err(refused)?);
+        }
+        let table = Self { presses, place, lines };
         table.validate()?;
         Ok(table)
+    }
+
+    /// Of presses that stand in no file: they are counted from line 2, after a header.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`PressTable::read`].
+    pub fn new(presses: Vec<Press>, place: &str) -> Result<Self, SkinError> {
+        let lines = (2..presses.len() + 2).collect();
+        let table = Self { presses, place: place.to_owned(), lines };
+        table.validate()?;
+        Ok(table)
+    }
+
+    /// Line of a press, from 1.
+    pub fn line(&self, press: usize) -> usize {
+        self.lines.get(press).copied().unwrap_or(0)
+    }
+
+    /// What a press is called in messages.
+    pub fn name(&self, press: usize) -> String {
+        format!("{}, line {}", self.place, self.line(press))
     }
 
     fn validate(&self) -> Result<(), SkinError> {
@@ -72,13 +112,9 @@ impl PressTable {
             return Err(SkinError::input(format!("{}: no press", self.place)));
         }
         for (k, press) in self.presses.iter().enumerate() {
-            // the header is line 1
             let at = |what: &str, value: f64, must: &str| {
-                let line = k + 2;
-                let place = &self.place;
-                SkinError::input(format!(
-                    "{place}, line {line}: {what} is {value}: it must be {must}"
-                ))
+                let message = format!("{what} is {value}: it must be {must}");
+                SkinError::input(message).within(&self.name(k))
             };
             for (what, value) in
                 [("x_m", press.x_m), ("y_m", press.y_m), ("z_m", press.z_m.unwrap_or(0.0))]
@@ -103,10 +139,5 @@ impl PressTable {
             }
         }
         Ok(())
-    }
-
-    /// The first presses.
-    pub fn first(&self, count: usize) -> Self {
-        Self { presses: self.presses.iter().take(count).cloned().collect(), ..self.clone() }
     }
 }

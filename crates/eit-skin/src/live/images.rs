@@ -174,6 +174,16 @@ impl LiveImages {
         Ok(())
     }
 
+    /// Begins anew after frames of which no image was made.
+    pub(super) fn restart(&mut self) {
+        if let Maker::TotalVariation(stream) = &mut self.maker {
+            stream.restart();
+        }
+        if let Some(net) = &mut self.net {
+            net.restart();
+        }
+    }
+
     /// Differences of the frame at hand, without what electrodes that move explain.
     fn subtract(&mut self, values: &[f64], reference: &[f64]) -> Result<(), SkinError> {
         for (i, difference) in self.differences.iter_mut().enumerate() {

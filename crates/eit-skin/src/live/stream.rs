@@ -33,6 +33,8 @@ pub struct LiveStream {
     image_latency_s: Option<f64>,
     /// The image of the last frame is made.
     has_image: bool,
+    /// Frames have passed of which no image was made.
+    has_gap: bool,
     /// When the last frame came, seconds since 1970, for a live one.
     came_s: Option<f64>,
 }
@@ -103,6 +105,7 @@ impl LiveStream {
             latency_s: None,
             image_latency_s: None,
             has_image: false,
+            has_gap: false,
             came_s: None,
         }
     }
@@ -142,8 +145,8 @@ impl LiveStream {
         Ok(self.pushed(frame))
     }
 
-    /// [`LiveStream::push`] without the image, for who acts on the touches first; then
-    /// [`LiveStream::make_image`] is to follow before the next frame.
+    /// [`LiveStream::push`] without the image, for who acts on the touches first; [`LiveStream::make_image`] makes
+    /// it before the next frame, where somebody looks at it.
     ///
     /// # Errors
     ///
@@ -159,7 +162,8 @@ impl LiveStream {
         }
     }
 
-    /// The image of the frame whose touches [`LiveStream::push_touches`] gave, where images are made.
+    /// The image of the frame whose touches [`LiveStream::push_touches`] gave, where images are made. After
+    /// frames without one it is as a first image: it is not linked to one that is old.
     ///
     /// # Errors
     ///
@@ -170,6 +174,9 @@ impl LiveStream {
         };
         if self.has_image || self.values.len() != frame.values.len() {
             return Ok(());
+        }
+        if std::mem::take(&mut self.has_gap) {
+            images.restart();
         }
         images.push(&self.values, finder.reference(), |i| !finder.is_missing(i))?;
         self.image_latency_s = self.came_s.map(|came_s| now_s() - came_s);
@@ -199,7 +206,7 @@ impl LiveStream {
                 let reference = std::mem::take(&mut self.reference);
                 self.epoch = Some(self.begin(&reference)?);
                 // none of its frames has touches to make an image of
-                self.has_image = true;
+                (self.has_image, self.has_gap) = (true, false);
             }
             return Ok(Some(left));
         };
@@ -209,6 +216,7 @@ impl LiveStream {
         let time_s = clock.next_s(frame);
         let is_good = |i: usize| frame.quality[i].is_good();
         self.touches.clear();
+        self.has_gap |= !self.has_image;
         self.has_image = true;
         self.touches.extend_from_slice(finder.push(&self.values, is_good, time_s)?);
         self.has_image = false;

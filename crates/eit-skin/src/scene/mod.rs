@@ -540,6 +540,21 @@ pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, SkinError> {
     Ok(bytes)
 }
 
+/// The same of a file that is refused above so many bytes.
+#[cfg(feature = "learn")]
+pub(crate) fn read_file_of(path: &Path, most_bytes: u64) -> Result<Vec<u8>, SkinError> {
+    use std::io::Read as _;
+    let mut bytes = Vec::new();
+    // one more shows that there is more; the size that the system states may be wrong
+    let file = eit_hw::regular_file(path)?;
+    file.take(most_bytes + 1).read_to_end(&mut bytes).map_err(|e| SkinError::at(path, e))?;
+    if bytes.len() as u64 > most_bytes {
+        let (path, most) = (path.display(), most_bytes >> 20);
+        return Err(SkinError::input(format!("{path}: longer than {most} MiB: not such a file")));
+    }
+    Ok(bytes)
+}
+
 impl Scene {
     /// Reads a scene file, or takes a built-in scene by its name, and checks it.
     pub fn load(name_or_path: &str) -> Result<Self, SkinError> {

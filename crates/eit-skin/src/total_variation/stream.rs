@@ -75,6 +75,15 @@ impl TvStream {
         }
     }
 
+    /// Forgets the image before: frames have passed that it has not seen.
+    pub fn restart(&mut self) {
+        match &mut self.solver {
+            Solver::Causal(stream) => stream.restart(),
+            // every frame stands alone
+            Solver::Alone(_) => {}
+        }
+    }
+
     /// Its weights, for small print.
     pub fn words(&self) -> String {
         let Weights { lambda_space, lambda_time, rule, .. } = &self.weights;

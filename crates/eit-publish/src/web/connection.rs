@@ -1,0 +1,140 @@
+//! One connection: its request, and the page or the events.
+
+use super::PAGE;
+use super::request::read;
+use super::server::{Place, Shared};
+use std::io::{self, BufReader, ErrorKind, Read, Write};
+use std::net::TcpStream;
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::{Duration, Instant};
+
+/// A request must be here, and an answer or a line must be taken, within this: who is slower is gone. A browser
+/// to which nothing was said for so long is told that the program is still there.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// How often it is looked whether a browser has closed its connection.
+const LOOK_EVERY: Duration = Duration::from_millis(250);
+
+/// A connection until a moment: bytes that trickle do not keep it open.
+struct Until<'a> {
+    stream: &'a TcpStream,
+    end: Instant,
+}
+
+impl<'a> Until<'a> {
+    /// From now on.
+    fn patience(stream: &'a TcpStream) -> Self {
+        Self { stream, end: Instant::now() + PATIENCE }
+    }
+
+    fn left(&self) -> io::Result<Option<Duration>> {
+        let left = self.end.saturating_duration_since(Instant::now());
+        if left.is_zero() { Err(ErrorKind::TimedOut.into()) } else { Ok(Some(left)) }
+    }
+}
+
+impl Read for Until<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        self.stream.set_read_timeout(self.left()?)?;
+        self.stream.read(bytes)
+    }
+}
+
+impl Write for Until<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.stream.set_write_timeout(self.left()?)?;
+        self.stream.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.stream.flush()
+    }
+}
+
+/// Answers one request.
+pub(super) fn answer(stream: &TcpStream, shared: &Shared) -> io::Result<()> {
+    stream.set_nodelay(true)?;
+    let request = read(BufReader::new(Until::patience(stream)))?;
+    let Some(request) = request else {
+        return reply(stream, "400 Bad Request", "not a request\n");
+    };
+    if !shared.access.allows(&request) {
+        return reply(stream, "403 Forbidden", "open the address that was printed\n");
+    }
+    match (request.is_get, request.path.as_str()) {
+        (true, "/") => {
+            let head = "HTTP/1.1 200 OK\r\nContent-Type: text/html; charset=utf-8\r\nConnection: close\r\n\
+                Cache-Control: no-store\r\nReferrer-Policy: no-referrer\r\nX-Content-Type-Options: nosniff\r\n\
+                Content-Security-Policy: default-src 'none'; style-src 'unsafe-inline'; script-src \
+                'unsafe-inline'; connect-src 'self'; frame-ancestors 'none'\r\n";
+            let page = format!("{head}Content-Length: {}\r\n\r\n{PAGE}", PAGE.len());
+            Until::patience(stream).write_all(page.as_bytes())
+        }
+        (true, "/events") => match shared.place() {
+            Some(place) => send_events(stream, shared, &place),
+            None => reply(stream, "503 Service Unavailable", "too many browsers\n"),
+        },
+        // every browser asks for it, and says on its console where there is none
+        (true, "/favicon.ico") => reply(stream, "204 No Content", ""),
+        (true, _) => reply(stream, "404 Not Found", "no such page\n"),
+        (false, _) => reply(stream, "405 Method Not Allowed", "GET is all there is\n"),
+    }
+}
+
+fn reply(stream: &TcpStream, status: &str, text: &str) -> io::Result<()> {
+    let reply = format!(
+        "HTTP/1.1 {status}\r\nContent-Type: text/plain\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{text}",
+        text.len()
+    );
+    Until::patience(stream).write_all(reply.as_bytes())
+}
+
+/// Sends lines until the browser has gone or there are none any more.
+fn send_events(stream: &TcpStream, shared: &Shared, place: &Place<'_>) -> io::Result<()> {
+    let head = "HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n\
+        Connection: close\r\n\r\n";
+    Until::patience(stream).write_all(head.as_bytes())?;
+    let mut event = Vec::new();
+    let mut say = |line: &[u8]| {
+        event.clear();
+        event.extend_from_slice(b"data: ");
+        event.extend_from_slice(line);
+        event.extend_from_slice(b"\n\n");
+        Until::patience(stream).write_all(&event)
+    };
+    if let Some(skin) = shared.skin() {
+        say(&skin)?;
+    }
+    let (mut said, mut looked) = (Instant::now(), Instant::now());
+    loop {
+        match place.lines.recv_timeout(LOOK_EVERY) {
+            Ok(line) => {
+                say(&line)?;
+                said = Instant::now();
+            }
+            Err(RecvTimeoutError::Timeout) if said.elapsed() >= PATIENCE => {
+                say(b"{\"type\":\"still\"}")?;
+                said = Instant::now();
+            }
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return Ok(()),
+        }
+        if looked.elapsed() >= LOOK_EVERY {
+            if is_closed(stream)? {
+                return Ok(());
+            }
+            looked = Instant::now();
+        }
+    }
+}
+
+/// Whether the other side has closed the connection; what it may have sent besides its request is left where it
+/// is.
+fn is_closed(stream: &TcpStream) -> io::Result<bool> {
+    stream.set_nonblocking(true)?;
+    let peeked = stream.peek(&mut [0]);
+    stream.set_nonblocking(false)?;
+    Ok(match peeked {
+        Ok(bytes) => bytes == 0,
+        Err(error) => error.kind() != ErrorKind::WouldBlock,
+    })
+}

@@ -1,0 +1,161 @@
+//! Presses of an earlier file beside those of a table.
+
+use super::{Frame, LearnedSkin, PressFrames};
+use crate::error::SkinError;
+use crate::fitted::FittedFrames;
+use eit_inverse::InverseError;
+use eit_inverse::learn::{Pose, Presses};
+use ndarray::{Array2, ArrayView1, Axis};
+
+/// Frames that differ by less than this part of themselves are the same: a file may lose the last digit of a
+/// number, and noise of any instrument is far above it.
+const SAME_FRAME: f64 = 1e-12;
+
+/// Presses of an earlier file, then those of the table, in the coordinates of the table.
+pub(super) struct Joined {
+    /// Measurements that count.
+    pub channels: Vec<usize>,
+    pub table: Presses,
+    pub forces_n: Vec<Option<f64>>,
+    /// Number of those that are the earlier file's.
+    pub earlier: usize,
+    /// What each press is called in messages.
+    names: Vec<String>,
+    place: String,
+}
+
+impl Joined {
+    /// Refuses an earlier file that these presses cannot stand beside, frames without a change, and frames that
+    /// are there twice.
+    pub fn new(
+        fitted: &FittedFrames,
+        pressed: &PressFrames,
+        frame: Frame,
+        sign: f64,
+        earlier: Option<&LearnedSkin>,
+    ) -> Result<Self, SkinError> {
+        let used = &fitted.frames.used;
+        let channels: Vec<usize> = (0..used.len()).filter(|&i| used[i]).collect();
+        let mut frames = pressed.differences(&channels);
+        let mut places_m = pressed.places_m.clone();
+        let mut forces_n = pressed.forces_n.clone();
+        let mut names: Vec<String> = (0..pressed.len()).map(|k| pressed.name(k)).collect();
+        if let Some(k) = frames.rows().into_iter().position(|row| row.iter().all(|v| *v == 0.0)) {
+            let message = "its frames are the reference itself, as if nothing had touched the skin";
+            return Err(SkinError::input(message).within(&names[k]));
+        }
+        if let Some(earlier) = earlier {
+            earlier.check(&fitted.skin)?;
+            earlier.check_beside(&channels, frame, sign)?;
+            frames = ndarray::concatenate(Axis(0), &[earlier.presses.frames.view(), frames.view()])
+                .map_err(|e| SkinError::Failure(format!("joining presses: {e}")))?;
+            let old = earlier.presses.places_m.iter().map(|place| earlier.pose.to_table(*place));
+            places_m = old.chain(places_m).collect();
+            forces_n = [earlier.forces_n.clone(), forces_n].concat();
+            let old =
+                (1..=earlier.forces_n.len()).map(|k| format!("press {k} of the earlier file"));
+            names = old.chain(names).collect();
+        }
+        let earlier = earlier.map_or(0, |earlier| earlier.forces_n.len());
+        let place = pressed.place.clone();
+        let joined =
+            Self { channels, table: Presses { frames, places_m }, forces_n, earlier, names, place };
+        match same_frames(&joined.table.frames) {
+            Some([one, other]) => Err(SkinError::input(format!(
+                "its frame is that of {} too, and a press that is both learnt and tested seems to err by \
+                 nothing: keep one of them",
+                joined.names[one]
+            ))
+            .within(&joined.names[other])),
+            None => Ok(joined),
+        }
+    }
+
+    /// Frames and what is subtracted from each, `[measurement]`: those of the earlier file on the reference of
+    /// these frames.
+    pub fn pairs<'a>(
+        &'a self,
+        fitted: &'a FittedFrames,
+        pressed: &'a PressFrames,
+    ) -> impl Iterator<Item = [Vec<f64>; 2]> + 'a {
+        let reference = &fitted.frames.reference;
+        let rows = self.table.frames.rows().into_iter().take(self.earlier);
+        let old = rows.map(|row| {
+            let mut values = reference.clone();
+            self.channels.iter().zip(row).for_each(|(&i, difference)| values[i] += difference);
+            [values, reference.clone()]
+        });
+        old.chain(pressed.pairs())
+    }
+
+    /// An error that counts presses, with the name of the press.
+    pub fn named(&self, error: InverseError) -> SkinError {
+        let press = match error {
+            InverseError::NonFiniteData { frame: press, .. }
+            | InverseError::EmptyPress { press }
+            | InverseError::NonFinitePlace { press, .. }
+            | InverseError::OutsideSkin { touch: press, .. } => self.names.get(press),
+            _ => Some(&self.place),
+        };
+        SkinError::from(error).within(press.unwrap_or(&self.place))
+    }
+
+    /// The same for an error that may be another's.
+    pub fn located(&self, error: SkinError) -> SkinError {
+        match error {
+            SkinError::Inverse(error) => self.named(error),
+            error => error,
+        }
+    }
+}
+
+impl LearnedSkin {
+    /// Refuses to stand beside presses whose frames or places mean something else.
+    fn check_beside(&self, channels: &[usize], frame: Frame, sign: f64) -> Result<(), SkinError> {
+        if self.channels != channels {
+            return Err(SkinError::input(format!(
+                "the earlier file has learnt {} of {} measurements, of these frames {} count, and they are \
+                 not the same ones: leave the same electrodes out, or learn without it",
+                self.channels.len(),
+                self.measurements,
+                channels.len()
+            )));
+        }
+        let was_fitted = self.pose != Pose::SAME;
+        let message = match (was_fitted, frame) {
+            (true, Frame::Scene) => {
+                "the places of the earlier file were fitted to the scene, those of the table are the scene's: \
+                 fit the frame here, too"
+            }
+            (false, Frame::Fitted) => {
+                "the places of the earlier file are the scene's, those of the table are to be fitted: fit both, \
+                 or neither"
+            }
+            (false, Frame::Scene) if self.sign != sign => {
+                "touch.sign of the scene is not that of the earlier file"
+            }
+            _ => return Ok(()),
+        };
+        Err(SkinError::input(message))
+    }
+}
+
+/// Two rows that are the same.
+fn same_frames(frames: &Array2<f64>) -> Option<[usize; 2]> {
+    let length = |row: ArrayView1<'_, f64>| row.dot(&row).sqrt();
+    let mut sorted: Vec<(f64, usize)> =
+        frames.rows().into_iter().enumerate().map(|(k, row)| (length(row), k)).collect();
+    sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    for (at, &(least, one)) in sorted.iter().enumerate() {
+        let limit = SAME_FRAME * least;
+        // equal frames have equal lengths
+        for &(_, other) in sorted[at + 1..].iter().take_while(|(l, _)| l - least <= 2.0 * limit) {
+            let (a, b) = (frames.row(one), frames.row(other));
+            let squared: f64 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
+            if squared.sqrt() <= limit {
+                return Some([one.min(other), one.max(other)]);
+            }
+        }
+    }
+    None
+}

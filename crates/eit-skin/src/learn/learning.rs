@@ -1,0 +1,226 @@
+//! From presses to a learnt skin.
+
+use super::earlier::Joined;
+use super::model::{middle_m, radius_m, ratios, responses};
+use super::presses::strongest;
+use super::{
+    CANDIDATES, ErrorsByWay, Frame, LearnedForce, LearnedSkin, PlaceErrors, PlacesBy, PressFrames,
+};
+use crate::error::SkinError;
+use crate::fitted::FittedFrames;
+use crate::progress::Progress;
+use crate::scene::TouchSign;
+use eit_inverse::InverseError;
+use eit_inverse::learn::{
+    Choice, ForceCurve, ForceSample, Locator, ModelResponses, PlaceRegression, Pose, Presses,
+    ResponseMap, candidates,
+};
+use eit_inverse::touch::DetectedTouch;
+
+/// Radius of a touch where the scene states none, as a part of the skin's: wider than a fingertip, since
+/// robots press with larger tips and sheets spread what presses them.
+const BELL_PART: f64 = 0.15;
+
+/// Least presses with a force and a touch.
+const LEAST_FORCES: usize = 3;
+
+/// A press of which more than this is explained by a touch at no place, ...
+const UNLIKE_REST: f64 = 0.5;
+/// ... and more than this many times what is left of the median press, is unlike the others.
+const UNLIKE_FACTOR: f64 = 3.0;
+
+/// A learnt skin, and the presses of the table that somebody should look at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Learning {
+    /// What was learnt, of all presses.
+    pub skin: LearnedSkin,
+    /// Presses that fit none of the others: was the skin touched, and there?
+    pub unlike: Vec<UnlikePress>,
+    /// Presses with a force in whose frames no touch was found: that force is not learnt.
+    pub without_touch: Vec<usize>,
+}
+
+/// A press that the others do not explain.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UnlikePress {
+    /// Its number in the table, from 0.
+    pub press: usize,
+    /// Part of its change that a touch at no place explains, 0 to 1, by what the others teach.
+    pub rest: f64,
+}
+
+impl LearnedSkin {
+    /// Learns from presses and from those that an earlier file holds of the same skin.
+    ///
+    /// # Errors
+    ///
+    /// Fewer than four presses, places beside the skin, frames without a change, the same frames twice (a press
+    /// that is learnt and tested at once errs by nothing); an earlier file of another skin, of other
+    /// measurements, or whose places were found in another way.
+    pub fn learn(
+        fitted: &FittedFrames,
+        pressed: &PressFrames,
+        frame: Frame,
+        earlier: Option<&Self>,
+        progress: &mut Progress,
+    ) -> Result<Learning, SkinError> {
+        let skin = &*fitted.skin;
+        let mut sign = match skin.skin.settings.touch.sign {
+            TouchSign::Increase => 1.0,
+            TouchSign::Decrease => -1.0,
+        };
+        let joined = Joined::new(fitted, pressed, frame, sign, earlier)?;
+        let channels = &joined.channels;
+        let ratios = ratios(fitted, channels);
+        let bell_m = skin.skin.settings.touch.radius_m.unwrap_or(BELL_PART * radius_m(skin));
+        let candidates_m = candidates(skin.skin.mesh.surface(), CANDIDATES);
+        let at_candidates = responses(skin, channels, &ratios, &candidates_m, bell_m)?;
+        let (mut pose, mut model) = (Pose::SAME, None);
+        if frame == Frame::Fitted {
+            let found = progress.stage("turn, mirror and scale", || {
+                Pose::fit(&joined.table, &candidates_m, &at_candidates)
+            });
+            let found = found.map_err(|e| joined.named(e))?;
+            (pose, sign) = (found.pose, found.sign);
+            model = Some(PlaceErrors { median_m: found.median_m, mean_m: found.mean_m });
+        }
+        let presses = Presses {
+            places_m: joined.table.places_m.iter().map(|p| pose.to_model(*p)).collect(),
+            frames: joined.table.frames.clone(),
+        };
+        let at_presses = responses(skin, channels, &ratios, &presses.places_m, bell_m)
+            .map_err(|e| joined.located(e))?;
+        let model_responses = ModelResponses {
+            candidates_m,
+            at_candidates: at_candidates * sign,
+            at_presses: at_presses * sign,
+        };
+        let choice = progress
+            .stage("map of responses", || ResponseMap::learn(&presses, &model_responses))
+            .map_err(|e| joined.named(e))?;
+        let (regression, by_regression) = progress
+            .stage("regression", || PlaceRegression::learn(&presses))
+            .map_err(|e| joined.named(e))?;
+        let detected = match frame {
+            Frame::Scene => progress
+                .stage("model alone", || strongest(fitted, joined.pairs(fitted, pressed)))?,
+            Frame::Fitted => None,
+        };
+        if let Some(detected) = &detected {
+            model =
+                Some(PlaceErrors::of_detected(detected, &joined.table.places_m, radius_m(skin)));
+        }
+        let errors = ErrorsByWay {
+            model,
+            map: PlaceErrors::of(&choice.errors, pose.scale),
+            regression: PlaceErrors::of(&by_regression, pose.scale),
+        };
+        let unlike = unlike(&choice, joined.earlier);
+        let forces = Forces::new(&joined, &presses, &choice.map, detected.as_deref())?;
+        let force = forces.learn(&presses, middle_m(skin), radius_m(skin))?;
+        let without_touch = forces.without_touch().filter_map(|k| k.checked_sub(joined.earlier));
+        Ok(Learning {
+            unlike,
+            without_touch: without_touch.collect(),
+            skin: Self {
+                fingerprint: skin.skin.fingerprint.clone(),
+                measurements: fitted.frames.used.len(),
+                ratios,
+                bell_m,
+                sign,
+                pose,
+                map: choice.map.settings,
+                covariance_factor: choice.map.covariance_factor,
+                rest_limit: choice.map.rest_limit,
+                regression: regression.settings,
+                places_by: errors.best(frame),
+                errors,
+                force,
+                forces_n: joined.forces_n.clone(),
+                channels: joined.channels,
+                presses,
+            },
+        })
+    }
+}
+
+/// New presses that the others do not explain.
+fn unlike(choice: &Choice, earlier: usize) -> Vec<UnlikePress> {
+    let mut sorted = choice.rests.clone();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let median = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+    let new = choice.rests.iter().skip(earlier).enumerate();
+    new.filter(|(_, rest)| **rest > UNLIKE_REST.max(UNLIKE_FACTOR * median))
+        .map(|(press, &rest)| UnlikePress { press, rest })
+        .collect()
+}
+
+/// Forces of presses, and strengths of the touches in their frames.
+struct Forces<'a> {
+    forces_n: &'a [Option<f64>],
+    /// `None`: the model alone was not asked.
+    by_model: Option<Vec<Option<f64>>>,
+    by_map: Vec<Option<f64>>,
+}
+
+impl<'a> Forces<'a> {
+    fn new(
+        joined: &'a Joined,
+        presses: &Presses,
+        map: &ResponseMap,
+        detected: Option<&[Option<DetectedTouch>]>,
+    ) -> Result<Self, InverseError> {
+        // a touch without strength is none
+        let strength = |s: f64| (s > 0.0 && s.is_finite()).then_some(s);
+        let mut locator = Locator::new(map.clone(), &vec![0.0; joined.channels.len()])?;
+        let rows = presses.frames.rows().into_iter();
+        let by_map = rows
+            .map(|row| locator.locate(&row.to_vec(), None, 0.0))
+            .map(|located| strength(located?.strength_s_m2))
+            .collect();
+        let of_touch =
+            |touch: &Option<DetectedTouch>| strength(touch.as_ref()?.strength_s_m2.abs());
+        let by_model = detected.map(|all| all.iter().map(of_touch).collect());
+        Ok(Self { forces_n: &joined.forces_n, by_model, by_map })
+    }
+
+    /// Whether every way to a strength has found a touch in this press.
+    fn has_touch(&self, press: usize) -> bool {
+        let by_model = self.by_model.as_ref().is_none_or(|all| all[press].is_some());
+        by_model && self.by_map[press].is_some()
+    }
+
+    /// Presses with a force and without a touch.
+    fn without_touch(&self) -> impl Iterator<Item = usize> {
+        let stated = (0..self.forces_n.len()).filter(|&k| self.forces_n[k].is_some());
+        stated.filter(|&k| !self.has_touch(k))
+    }
+
+    /// The curve by the strengths of the model and of the map, whichever errs less on the same presses.
+    fn learn(
+        &self,
+        presses: &Presses,
+        middle_m: [f64; 3],
+        radius_m: f64,
+    ) -> Result<Option<LearnedForce>, SkinError> {
+        let mut best: Option<LearnedForce> = None;
+        let ways = [(PlacesBy::Model, self.by_model.as_ref()), (PlacesBy::Map, Some(&self.by_map))];
+        for (strength_by, strengths) in ways {
+            let Some(strengths) = strengths else { continue };
+            let sample = |k: usize| {
+                let (strength, force_n) = (strengths[k]?, self.forces_n[k]?);
+                Some(ForceSample { strength, place_m: presses.places_m[k], force_n })
+            };
+            let touched = (0..strengths.len()).filter(|&k| self.has_touch(k));
+            let samples: Vec<ForceSample> = touched.filter_map(sample).collect();
+            if samples.len() < LEAST_FORCES {
+                return Ok(None);
+            }
+            let curve = ForceCurve::learn(&samples, middle_m, radius_m)?;
+            if best.as_ref().is_none_or(|old| curve.error_ln < old.curve.error_ln) {
+                best = Some(LearnedForce { strength_by, curve });
+            }
+        }
+        Ok(best)
+    }
+}

@@ -1,0 +1,127 @@
+//! Presses whose frames do not show them: such a press teaches a wrong place or force, and spoils the choice of
+//! everything else.
+
+use super::presses::PressRanges;
+use super::{PressFrames, PressTable};
+use crate::error::SkinError;
+use crate::frames::Frames;
+use eit_inverse::noise_std_of_quiet_frames;
+use std::ops::RangeInclusive;
+
+/// A frame that shows less than this part of the mean change of its press is one of the untouched skin: there
+/// the part is 0, give or take the noise, and in a ramp of force that is worth a mean most frames have more.
+const LEAST_PART: f64 = 0.25;
+
+/// The change of a press must have this many times the power that noise would give it: 1 in the mean for an
+/// untouched skin, with a deviation of 0.1 at 200 measurements.
+const NOISE_FACTOR: f64 = 2.0;
+
+/// Refuses presses that name the same frames, and frames that are named as pressed and as untouched.
+pub(super) fn refuse_shared(table: &PressTable, ranges: &[PressRanges]) -> Result<(), SkinError> {
+    let mut pressed: Vec<(usize, &RangeInclusive<usize>)> =
+        ranges.iter().map(|range| &range.pressed).enumerate().collect();
+    pressed.sort_unstable_by_key(|(press, range)| (*range.start(), *press));
+    let shared = |press: usize, what: &str, other: usize, range: &RangeInclusive<usize>| {
+        let (first, last) = (range.start(), range.end());
+        let line = table.line(other);
+        SkinError::input(format!(
+            "{what} overlap frames {first} to {last}, which line {line} names: a frame belongs to one press"
+        ))
+        .within(&table.name(press))
+    };
+    for pair in pressed.windows(2) {
+        let [(one, range), (other, next)] = [pair[0], pair[1]];
+        if next.start() <= range.end() {
+            let what = format!("frames {} to {}", next.start(), next.end());
+            return Err(shared(other, &what, one, range));
+        }
+    }
+    for (press, PressRanges { before, .. }) in ranges.iter().enumerate() {
+        let Some(before) = before else { continue };
+        // presses are apart: the last that begins by then is the only one that can reach into it
+        let after = pressed.partition_point(|(_, range)| range.start() <= before.end());
+        if let Some((other, range)) = after.checked_sub(1).map(|at| pressed[at])
+            && range.end() >= before.start()
+        {
+            let what = format!("the untouched frames {} to {}", before.start(), before.end());
+            return Err(shared(press, &what, other, range));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses presses that change their frames by no more than the noise, or only a part of them.
+pub(super) fn refuse_untouched(
+    pressed: &PressFrames,
+    ranges: &[PressRanges],
+    frames: &Frames,
+) -> Result<(), SkinError> {
+    let quiet = frames.quiet.as_ref();
+    // noise of a single frame, sum of the variances; where no quiet frames show it, only presses of several do
+    let noise_v2: Option<f64> =
+        quiet.and_then(|quiet| noise_std_of_quiet_frames(quiet.values.view()).ok()).map(|std| {
+            std.iter().zip(&frames.used).filter(|(_, used)| **used).map(|(s, _)| s * s).sum()
+        });
+    for (press, range) in ranges.iter().enumerate() {
+        let change = Change::of(pressed, press, range, frames);
+        let count = range.pressed.clone().count() as f64;
+        let before =
+            range.before.as_ref().map_or(frames.reference_frames, |range| range.clone().count());
+        let scatter_v2 = change.scatter_v2.or(noise_v2).unwrap_or(0.0);
+        let by_noise_v2 = scatter_v2 * (count.recip() + (before.max(1) as f64).recip());
+        let (first, last) = (range.pressed.start(), range.pressed.end());
+        if change.power_v2 <= NOISE_FACTOR * by_noise_v2 {
+            return Err(SkinError::input(format!(
+                "frames {first} to {last} change by {:.1e} V root mean square, no more than noise does: was \
+                 the skin pressed?",
+                (change.power_v2 / frames.used.iter().filter(|used| **used).count() as f64).sqrt()
+            ))
+            .within(&pressed.name(press)));
+        }
+        let weak = change.parts.iter().find(|(_, part)| *part < LEAST_PART);
+        if let Some((frame, part)) = weak {
+            return Err(SkinError::input(format!(
+                "frame {frame} shows {:.0} % of the change that frames {first} to {last} show in the mean: name \
+                 only frames in which the press is there",
+                100.0 * part
+            ))
+            .within(&pressed.name(press)));
+        }
+    }
+    Ok(())
+}
+
+/// What a press does to its frames.
+struct Change {
+    /// Square of the mean change, sum over the measurements that count.
+    power_v2: f64,
+    /// Part of the mean change in each frame.
+    parts: Vec<(usize, f64)>,
+    /// Variance of a frame across the mean change, sum over the measurements; `None` of a single frame.
+    scatter_v2: Option<f64>,
+}
+
+impl Change {
+    fn of(pressed: &PressFrames, press: usize, range: &PressRanges, frames: &Frames) -> Self {
+        let reference = pressed.references.row(press);
+        let mean: Vec<f64> =
+            pressed.values.row(press).iter().zip(reference).map(|(v, r)| v - r).collect();
+        let used = || (0..mean.len()).filter(|&i| frames.used[i]);
+        let power_v2 = used().map(|i| mean[i] * mean[i]).sum();
+        let (mut parts, mut across) = (Vec::new(), 0.0);
+        for frame in range.pressed.clone() {
+            let good = || used().filter(|&i| frames.good[[frame, i]]);
+            let change = |i: usize| frames.values[[frame, i]] - reference[i];
+            let square: f64 = good().map(|i| mean[i] * mean[i]).sum();
+            if square == 0.0 {
+                continue;
+            }
+            let part = good().map(|i| change(i) * mean[i]).sum::<f64>() / square;
+            across += good().map(|i| (change(i) - part * mean[i]).powi(2)).sum::<f64>();
+            parts.push((frame, part));
+        }
+        let others = parts.len().saturating_sub(1);
+        let scatter_v2 = (others > 0).then(|| across / others as f64);
+        Self { power_v2, parts, scatter_v2 }
+    }
+}

@@ -1,0 +1,100 @@
+//! Images of a live stream that are made only while somebody looks.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "tests"
+)]
+
+use eit_skin::eit_fem::fabric::Random;
+use eit_skin::eit_hw::{Frame, Quality, Unit};
+use eit_skin::live::LiveModel;
+use eit_skin::scene::Scene;
+use eit_skin::{LiveStream, MeshOverride, Progress, Skin};
+use std::sync::Arc;
+
+const REFERENCE: usize = 20;
+/// A finger stays for these frames after the reference, then the skin is untouched.
+const TOUCHED: usize = 4;
+const ALL: usize = 12;
+
+fn model() -> Arc<LiveModel> {
+    let mut progress = Progress::silent();
+    let mut scene = Scene::load("paper-disc").unwrap();
+    scene.reconstruction.method = Some("st-tv".to_owned());
+    let mesh = MeshOverride { nodes: Some(1200), ..Default::default() };
+    let skin = Skin::set_up(&scene, &mesh, &mut progress).unwrap();
+    Arc::new(LiveModel::new(&skin, REFERENCE, &mut progress).unwrap())
+}
+
+/// Noise of a ten-thousandth, and the response of an element in the middle while it is touched.
+fn frames(model: &LiveModel) -> Vec<Frame> {
+    let linearised = &model.linearised;
+    let centroids = linearised.skin.mesh.surface().centroids();
+    let nearest = |k: &usize| centroids[*k][0].hypot(centroids[*k][1]);
+    let middle = (0..centroids.len()).min_by(|a, b| nearest(a).total_cmp(&nearest(b))).unwrap();
+    let response = linearised.jacobian.column(middle);
+    let size = |v: &f64| v.abs();
+    let voltage = linearised.voltages.iter().map(size).fold(0.0, f64::max);
+    let touch = 0.02 * voltage / response.iter().map(size).fold(0.0, f64::max);
+    let mut random = Random::named(1, "noise", 0);
+    let frame = |sequence: usize| {
+        let is_touched = (REFERENCE..REFERENCE + TOUCHED).contains(&sequence);
+        let values = linearised.voltages.iter().zip(response).map(|(v, r)| {
+            v + if is_touched { touch * r } else { 0.0 } + 1e-4 * voltage * random.normal()
+        });
+        let values: Vec<f64> = values.collect();
+        Frame {
+            quality: vec![Quality::GOOD; values.len()],
+            values,
+            imaginary: None,
+            sequence: sequence as u64,
+            epoch: 0,
+            device_time_s: Some(0.05 * sequence as f64),
+            host_time_s: None,
+        }
+    };
+    (0..REFERENCE + ALL).map(frame).collect()
+}
+
+/// The last image, where images are made of these frames after the reference alone.
+fn last_image(
+    model: &Arc<LiveModel>,
+    frames: &[Frame],
+    is_made: impl Fn(usize) -> bool,
+) -> Vec<f64> {
+    let mut stream = LiveStream::of_unit(Arc::clone(model), Unit::Volt, Some(20.0));
+    for (k, frame) in frames.iter().enumerate() {
+        stream.push_touches(frame, false).unwrap();
+        let wanted = k >= REFERENCE && is_made(k - REFERENCE);
+        if wanted {
+            stream.make_image(frame).unwrap();
+        }
+        if let Some(shown) = stream.shown(frame) {
+            assert_eq!(shown.images.is_some(), wanted, "frame {k}");
+        }
+    }
+    stream.shown(frames.last().unwrap()).unwrap().images.unwrap().pixels().to_vec()
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+/// An image after frames without one is not linked to an old image, whatever that showed; without a gap it is
+/// linked.
+#[test]
+fn an_image_after_a_gap_is_as_a_first_one() {
+    let model = model();
+    let frames = frames(&model);
+    let last = TOUCHED + 2;
+    let frames = &frames[..=REFERENCE + last];
+    let first = last_image(&model, frames, |k| k == last);
+    let after_gap = last_image(&model, frames, |k| k < TOUCHED || k == last);
+    let linked = last_image(&model, frames, |_| true);
+    let touched = last_image(&model, &frames[..REFERENCE + TOUCHED], |_| true);
+    let [gap, link] = [&after_gap, &linked].map(|image| distance(image, &first));
+    println!("{gap:e} after a gap, {link:e} linked, {:e} of the touch", distance(&touched, &first));
+    assert!(gap < 0.1 * link, "{gap:e} {link:e}");
+}
