@@ -30,6 +30,10 @@ impl LiveNet {
         match *net {}
     }
 
+    pub fn restart(&mut self) {
+        match *self {}
+    }
+
     pub fn push(
         &mut self,
         _: &Raster,
