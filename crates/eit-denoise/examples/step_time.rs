@@ -15,7 +15,7 @@ use eit_denoise::{
     DenoiseError, Denoiser, Examples, ImageStack, Shard, TrainDevice, TrainStep, UnetConfig,
     UnetShape, images_through,
 };
-use ndarray::{Array2, Array3, Axis, s};
+use ndarray::{Array2, Array3, Axis};
 use std::collections::BTreeMap;
 use std::hint::black_box;
 use std::path::{Path, PathBuf};
@@ -110,7 +110,7 @@ pub fn run(shape: UnetShape, budget_s: f64, values: Option<&Path>) -> Result<Cos
         black_box(TrainStep::of(&net, &examples, &batch, 1)?);
         Ok(())
     })?;
-    let one = ImageStack::new(raw.slice(s![..1, .., ..]).to_owned(), mask.clone())?;
+    let one = ImageStack::new(raw.select(Axis(0), &[0]), mask.clone())?;
     let burn_image_s = least_s(budget_s, || {
         black_box(images_through(&net, &one)?);
         Ok(())

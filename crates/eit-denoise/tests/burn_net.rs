@@ -35,7 +35,8 @@ fn difference(weights: &Weights, size: [usize; 2]) -> f64 {
     let net = Unet::from_weights(weights, &TrainDevice::Flex.open().unwrap()).unwrap();
     let made = images_through(&net, &raw).unwrap();
     assert!(made.max_abs() > 0.0);
-    let inside = made.values().iter().zip(wanted.values()).filter(|(a, _)| a.is_finite());
+    let both = made.values().into_iter().zip(wanted.values());
+    let inside = both.filter(|(a, _)| a.is_finite());
     inside.fold(0.0_f64, |most, (a, b)| most.max((a - b).abs())) / wanted.max_abs()
 }
 

@@ -91,14 +91,14 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
     ] {
         let pixels = 16;
         // more than a thread takes at once
-        let shard = shard(5, pixels);
+        let shard = shard(10, pixels);
         let examples = Examples::new(std::slice::from_ref(&shard), shape.history).unwrap();
-        assert_eq!(examples.len(), 5);
+        assert_eq!(examples.len(), 10);
         let start = weights(shape, [pixels, pixels]);
         let (error, gradient) = derived(&start, &examples);
         // the examples once more, in f64
         let mut scales = Vec::new();
-        let pairs: Vec<_> = (0..5)
+        let pairs: Vec<_> = (0..10)
             .map(|last| {
                 let seen = Array3::from_shape_fn((shape.history, pixels, pixels), |(k, r, c)| {
                     let f = (last + k + 1).checked_sub(shape.history);
@@ -115,7 +115,7 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
             let one = |((frames, wanted), factor): (&(Array3<f64>, Array2<f64>), &f64)| {
                 factor * error_by_definition(shape, parameters, frames, wanted, &shard.mask)
             };
-            pairs.iter().zip(&factors).map(one).sum::<f64>() / 5.0
+            pairs.iter().zip(&factors).map(one).sum::<f64>() / 10.0
         };
         let exact: Vec<f64> = start.parameters.iter().map(|p| f64::from(*p)).collect();
         assert!((error - error_of(&exact)).abs() < 1e-5 * error, "{shape:?}");
@@ -256,7 +256,7 @@ fn turned_examples_teach_the_other_sides_of_the_skin() {
     assert!(turned < 0.2 * plain, "{turned} {plain}");
 }
 
-/// A batch of ten is cut into parts of four, so that threads have something to share.
+/// A batch of ten is cut into parts of eight and two, so that threads have something to share.
 #[test]
 fn a_resumed_training_ends_with_the_bits_of_an_uninterrupted_one() {
     let folder = tempfile::tempdir().unwrap();
