@@ -440,7 +440,7 @@ pub(crate) struct TrainArgs {
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
     /// Where burn computes: flex (the processor), cuda or wgpu (a graphics processor). The last two
-    /// need a program that was built with --features of that name; they have been compiled, not run.
+    /// need a program that was built with --features of that name; they have not been run.
     #[arg(long, value_name = "DEVICE", default_value_t)]
     pub device: eit_denoise::TrainDevice,
     /// Write the weights although their images of the held-out sequences are worse than the raw ones.
