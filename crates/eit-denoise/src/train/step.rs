@@ -155,14 +155,17 @@ pub(super) fn error<N: ImageNet>(
 /// Cuts a batch into parts of so many examples, shares them out to threads, each with a copy of the
 /// net whose derivatives are its own, and gives the results in the order of the parts. A graphics
 /// processor gets the batch as one.
-fn shared_out<N: ImageNet, T: Send>(
+fn shared_out<N: ImageNet, T: Send, W>(
     net: &N,
     device: &Device,
     batch: &[usize],
     at_once: usize,
     threads: usize,
-    work: &(dyn Fn(N, &[usize]) -> Result<T, DenoiseError> + Sync),
-) -> Result<Vec<T>, DenoiseError> {
+    work: &W,
+) -> Result<Vec<T>, DenoiseError>
+where
+    W: Fn(N, &[usize]) -> Result<T, DenoiseError> + Sync,
+{
     if threads == 0 {
         let (quantity, must) = ("threads", "at least 1");
         return Err(DenoiseError::OutOfRange { quantity, value: 0.0, must });
