@@ -42,7 +42,7 @@ struct Choice {
 const NDARRAY: (&str, &str) = ("ndarray", "0.17");
 const STEP_TIME: &[(&str, &str)] = &[NDARRAY, ("cpu-time", "1")];
 
-const CHOICES: [Choice; 17] = [
+const CHOICES: [Choice; 16] = [
     Choice { crates: &[("eit-mesh", &[])], example: "eit-mesh/examples/disc.rs", others: &[] },
     Choice {
         crates: &[("eit-mesh", &[]), ("eit-fem", &[])],
@@ -96,11 +96,6 @@ const CHOICES: [Choice; 17] = [
         example: "eit-denoise/examples/step_time.rs",
         others: STEP_TIME,
     },
-    Choice {
-        crates: &[("eit-denoise", &["burn"])],
-        example: "eit-denoise/examples/step_time.rs",
-        others: STEP_TIME,
-    },
     Choice { crates: &[("eit-skin", &["hw"])], example: "eit-skin/examples/robot.rs", others: &[] },
     Choice {
         crates: &[("eit-skin", &["hw", "recording"])],
@@ -151,7 +146,7 @@ fn table() -> Result<()> {
     for choice in &CHOICES {
         let name = choice.name();
         let is_wanted = only.as_ref().is_none_or(|only| name.contains(only.as_str()));
-        if is_wanted && (burn || !name.contains("burn")) {
+        if is_wanted && (burn || !name.contains("train")) {
             let row = choice.measure(&folder.0)?.row(choice);
             eprintln!("{row}");
             rows.push(row);

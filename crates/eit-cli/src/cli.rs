@@ -143,7 +143,11 @@ pub(crate) enum Command {
     /// after every epoch. Ctrl-C ends it with the best weights so far. Run the same command again
     /// after an interruption: it goes on where it was, and ends with the same weights.
     ///
-    /// Writes W (safetensors), W with the endings csv and png (learning curve), and checkpoint.
+    /// Needs a program that was built with training, which is burn's: cargo install --path
+    /// crates/eit-cli --features train. The default program runs what comes of it.
+    ///
+    /// Writes W (safetensors), W with the endings csv and png (learning curve), and checkpoint. W is
+    /// not written where its images of the held-out sequences are worse than the raw ones (--force).
     Train(TrainArgs),
     /// Remove artefacts from images with a trained U-net.
     ///
@@ -398,6 +402,7 @@ pub(crate) struct ReconstructArgs {
 
 /// `eit train`
 #[derive(Debug, Args)]
+#[cfg_attr(not(feature = "train"), allow(dead_code, reason = "refused whatever they are"))]
 pub(crate) struct TrainArgs {
     /// Scene file or built-in scene.
     pub scene: String,
@@ -455,11 +460,13 @@ pub(crate) struct TrainArgs {
     /// Threads [default: all]; the result does not depend on them.
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
-    /// What computes the steps: own (our kernels, all threads), burn (its CPU backend, one thread),
-    /// cuda or wgpu (burn on a graphics processor). The last three need a program that was built with
-    /// --features of that name. Weights and checkpoints of one go on with another.
-    #[arg(long, value_name = "ENGINE", default_value_t)]
-    pub engine: eit_denoise::Engine,
+    /// Where burn computes: flex (the processor), cuda or wgpu (a graphics processor). The last two
+    /// need a program that was built with --features of that name; they have not been run.
+    #[arg(long, value_name = "DEVICE", default_value_t)]
+    pub device: eit_denoise::TrainDevice,
+    /// Write the weights although their images of the held-out sequences are worse than the raw ones.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// `eit denoise`

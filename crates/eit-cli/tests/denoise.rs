@@ -3,11 +3,16 @@
 
 mod common;
 
-use common::{SMALL, refuse, succeed, text, write_scene};
+#[cfg(feature = "train")]
+use common::{SMALL, fail, write_scene};
+use common::{refuse, succeed, text};
 use ndarray::{Array2, Array3, Axis};
 use std::path::Path;
 
-const FEW: [&str; 14] = [
+/// Few enough for a test; such a net may well be worse than the raw images.
+#[cfg(feature = "train")]
+const FEW: [&str; 15] = [
+    "--force",
     "--method",
     "gauss-newton",
     "--sequences",
@@ -24,17 +29,29 @@ const FEW: [&str; 14] = [
     "2",
 ];
 
+#[cfg(feature = "train")]
 fn scene(folder: &Path) -> std::path::PathBuf {
     write_scene(folder, &format!("{SMALL}\n[reconstruction]\npixels = 24\n"))
 }
 
+#[cfg(feature = "train")]
 fn train(scene: &Path, out: &Path) -> serde_json::Value {
     let mut arguments = vec!["train", text(scene), "--out", text(out), "--json"];
     arguments.extend(FEW);
     serde_json::from_str(&succeed(&arguments)).unwrap()
 }
 
+/// Training is compiled in on demand.
+#[cfg(not(feature = "train"))]
+#[test]
+fn a_program_without_training_says_how_to_get_it() {
+    let found = refuse(&["train", "paper-disc", "--out", "w.safetensors"]);
+    assert!(found.contains("cargo install --path crates/eit-cli --features train"), "{found}");
+    assert_eq!(found.trim().lines().count(), 1, "{found}");
+}
+
 /// One after the other: train, again from what is there, denoise, refuse.
+#[cfg(feature = "train")]
 #[test]
 fn a_net_is_trained_goes_on_and_denoises() {
     let folder = tempfile::tempdir().unwrap();
@@ -116,6 +133,7 @@ fn a_net_is_trained_goes_on_and_denoises() {
     refusals(folder.path(), &weights, &images);
 }
 
+#[cfg(feature = "train")]
 fn refusals(folder: &Path, weights: &Path, images: &Path) {
     let out = folder.join("refused");
     let denoise = |scene: &str, weights: &Path, images: &Path| {
@@ -135,15 +153,36 @@ fn refusals(folder: &Path, weights: &Path, images: &Path) {
     assert!(found.contains("cut.safetensors"), "{found}");
     let found = refuse(&["train", text(&scene), "--out", "w.npy"]);
     assert!(found.contains(".safetensors"), "{found}");
-    let engine =
-        |name: &str| refuse(&["train", text(&scene), "--out", "w.safetensors", "--engine", name]);
-    let found = engine("torch");
-    assert!(found.contains("there are own, burn, cuda and wgpu"), "{found}");
+    let device =
+        |name: &str| refuse(&["train", text(&scene), "--out", "w.safetensors", "--device", name]);
+    let found = device("torch");
+    assert!(found.contains("there are flex (the processor), cuda and wgpu"), "{found}");
     if !cfg!(feature = "cuda") {
-        let found = engine("cuda");
-        assert!(found.contains("--engine cuda: this program was built without"), "{found}");
+        let found = device("cuda");
+        assert!(found.contains("--device cuda: this program was built without"), "{found}");
     }
     assert!(!out.join("images.npy").exists());
+}
+
+/// A rate at which nothing is learnt leaves the first weights, whose images are worse than the raw
+/// ones: no weights are written, the checkpoint and the curve stay, and `--force` writes them.
+#[cfg(feature = "train")]
+#[test]
+fn a_net_that_is_worse_than_the_raw_images_is_not_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let weights = folder.path().join("w.safetensors");
+    let mut arguments = vec!["train", text(&scene), "--out", text(&weights), "--rate", "1e-30"];
+    arguments.extend(&FEW[1..]);
+    let found = fail(&arguments);
+    assert!(found.contains("is not written") && found.contains("--force"), "{found}");
+    assert!(!weights.exists());
+    for ending in ["csv", "png", "checkpoint", "base"] {
+        assert!(weights.with_extension(ending).exists(), "{ending}");
+    }
+    arguments.push("--force");
+    succeed(&arguments);
+    assert!(weights.exists());
 }
 
 /// The shipped weights belong to the built-in scene, and bring images of a simulated finger on
@@ -230,6 +269,7 @@ fn foreign_frames_are_put_aside(folder: &Path, touched: &Path) {
 
 /// A recording is learnt from as it is and turned, by the paper's rule; what a recording cannot be
 /// asked for is refused.
+#[cfg(feature = "train")]
 #[test]
 fn a_net_learns_from_a_recording() {
     let folder = tempfile::tempdir().unwrap();
@@ -247,7 +287,9 @@ fn a_net_learns_from_a_recording() {
             .map(str::to_owned)
     };
     let mut arguments: Vec<String> = train(&frames).to_vec();
-    for more in ["--method", "gauss-newton", "--sequences", "4", "--epochs", "1", "--width", "2"] {
+    for more in
+        ["--method", "gauss-newton", "--sequences", "4", "--epochs", "1", "--width", "2", "--force"]
+    {
         arguments.push(more.to_owned());
     }
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();

@@ -165,51 +165,66 @@ pub enum DenoiseError {
         /// As asked for.
         wanted: String,
     },
-    /// No engine of training has this name.
-    #[error("no engine is called \"{found}\": there are own, burn, cuda and wgpu")]
-    UnknownEngine {
+    /// No device of training has this name.
+    #[error("no device is called \"{found}\": there are flex (the processor), cuda and wgpu")]
+    UnknownDevice {
         /// What was asked for.
         found: String,
     },
-    /// An engine that this program does not have.
+    /// A device that this program was built without.
     #[error(
-        "this program was built without the engine {engine}: build it with --features {engine}, or \
-         take the engine own"
+        "this program was built without the device {device}: build it with --features {device}, or \
+         take flex, which is the processor"
     )]
-    NoEngine {
+    NotBuilt {
         /// Its name, which is that of its feature.
-        engine: &'static str,
+        device: &'static str,
     },
-    /// An engine that finds nothing to run on.
+    /// A device that this machine does not have.
     #[error(
-        "the engine {engine} finds no device on this machine: install the driver, or take the \
-         engine own"
+        "no device for {device} on this machine: install its driver, or take flex, which is the \
+         processor"
     )]
     NoDevice {
-        /// Its name.
-        engine: &'static str,
+        /// The name that was asked for.
+        device: &'static str,
     },
-    /// A device that broke off.
-    #[error("the engine {engine} failed: {what}")]
-    EngineFailed {
-        /// Its name.
-        engine: &'static str,
+    /// burn refused, or a device broke off.
+    #[error("burn failed: {what}")]
+    Burn {
         /// What it says.
         what: String,
+    },
+    /// A net whose images have another shape than those it was given.
+    #[error(
+        "the net made {found:?} of images [example, channel, row, column] {wanted:?}: it must keep \
+         their rows and columns, and make one channel"
+    )]
+    NetShape {
+        /// What came out.
+        found: [usize; 4],
+        /// What should have.
+        wanted: [usize; 4],
     },
 }
 
 impl DenoiseError {
     /// The same error with its file.
-    #[cfg(feature = "train")]
+    #[cfg(feature = "base")]
     pub(crate) fn in_file(self, path: &std::path::Path) -> Self {
         Self::InFile { path: path.display().to_string(), error: Box::new(self) }
     }
 
     /// A refusal of the system.
-    #[cfg(feature = "train")]
+    #[cfg(feature = "base")]
     pub(crate) fn io(path: &std::path::Path, error: &std::io::Error) -> Self {
         Self::Io { path: path.display().to_string(), kind: error.kind() }
+    }
+
+    /// What burn says.
+    #[cfg(feature = "burn")]
+    pub(crate) fn burn(error: &dyn std::fmt::Display) -> Self {
+        Self::Burn { what: error.to_string() }
     }
 
     /// The same error with its frame.

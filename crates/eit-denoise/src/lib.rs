@@ -3,27 +3,44 @@
 #[cfg(feature = "unet")]
 mod data_consistency;
 mod error;
+#[cfg(feature = "base")]
+mod examples;
 mod image_stack;
-#[cfg(feature = "train")]
+#[cfg(feature = "base")]
 mod learning_base;
+#[cfg(feature = "burn")]
+mod nets;
+#[cfg(feature = "base")]
+mod raster_symmetry;
 mod symmetry;
 mod threshold;
 #[cfg(feature = "train")]
 mod train;
+#[cfg(feature = "base")]
+mod train_settings;
 #[cfg(feature = "unet")]
 mod unet;
 
+/// The version of burn that nets and devices of this crate are of.
+#[cfg(feature = "burn")]
+pub use burn;
 #[cfg(feature = "unet")]
 pub use data_consistency::{DataConsistency, DataMisfit};
 pub use error::DenoiseError;
+#[cfg(feature = "base")]
+pub use examples::Examples;
 pub use image_stack::ImageStack;
-#[cfg(feature = "train")]
+#[cfg(feature = "base")]
 pub use learning_base::{BaseSettings, LearningBase, Shard, ShardData};
+#[cfg(feature = "burn")]
+pub use nets::{ImageNet, Unet, UnetConfig, images_through};
+#[cfg(feature = "base")]
+pub use raster_symmetry::RasterSymmetry;
 pub use symmetry::{DiscSymmetry, MeasurementOrder};
 pub use threshold::{Threshold, ThresholdRule};
 #[cfg(feature = "train")]
-pub use train::{
-    Engine, Epoch, Examples, RasterSymmetry, Stepper, TrainSettings, TrainStatus, Trainer,
-};
+pub use train::{TrainStep, Trainer, weighted_errors};
+#[cfg(feature = "base")]
+pub use train_settings::{Epoch, TrainDevice, TrainSettings, TrainStatus};
 #[cfg(feature = "unet")]
 pub use unet::{Denoiser, NetStatus, UnetShape, Weights};

@@ -56,21 +56,16 @@ fn frame_time_example() {
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod step_time;
 
-/// Every engine that is here is timed, and all derive alike (`tests/engine.rs` says how closely).
+/// All is timed, and what others compare with is written.
 #[cfg(feature = "train")]
 #[test]
 fn step_time_example() {
     let folder = tempfile::tempdir().unwrap();
     let shape = eit_denoise::UnetShape { history: 1, width: 2, depth: 2 };
-    let costs = step_time::run(shape, 0.0, Some(folder.path())).unwrap();
-    assert_eq!(costs[0].engine, eit_denoise::Engine::Own);
-    assert_eq!(costs.len() > 1, cfg!(feature = "burn"));
-    let largest = costs[0].gradient.iter().fold(0.0_f32, |most, d| most.max(d.abs()));
-    for cost in &costs {
-        assert!(cost.step_s > 0.0 && cost.image_s > 0.0);
-        let off = |(a, b): (&f32, &f32)| (a - b).abs() < 1e-4 * largest;
-        assert!(cost.gradient.iter().zip(&costs[0].gradient).all(off), "{}", cost.engine);
-    }
+    let cost = step_time::run(shape, 0.0, Some(folder.path())).unwrap();
+    assert!(cost.step_s > 0.0 && cost.image_s > 0.0 && cost.burn_image_s > 0.0);
+    assert_eq!(cost.gradient.len(), shape.parameters());
+    assert!(cost.gradient.iter().any(|d| *d != 0.0));
     let bytes = std::fs::read(folder.path().join("parameters.f32")).unwrap();
     assert_eq!(bytes.len(), 4 * shape.parameters());
 }

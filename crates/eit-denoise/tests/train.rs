@@ -1,19 +1,21 @@
-//! The derivative against the definition, training that resumes to the same bits, and the base.
+//! Training by burn: its derivative against the definition, learning, and resuming to the same bits.
 #![cfg(feature = "train")]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs, reason = "tests")]
 
 mod common;
 
-use common::{convolutions, direct, disc, shard, weights};
+use common::{convolutions, direct_f64, names, shard, weights};
+use eit_denoise::burn::module::{Module as _, ModuleVisitor, Param};
+use eit_denoise::burn::optim::GradientsParams;
+use eit_denoise::burn::tensor::Tensor;
 use eit_denoise::{
-    BaseSettings, DenoiseError, Denoiser, Engine, Examples, ImageStack, LearningBase,
-    RasterSymmetry, Shard, TrainSettings, TrainStatus, Trainer, UnetShape,
+    DenoiseError, Denoiser, Examples, ImageStack, RasterSymmetry, TrainDevice, TrainSettings,
+    TrainStatus, TrainStep, Trainer, Unet, UnetConfig, UnetShape, Weights, weighted_errors,
 };
 use fixtures::Random;
 use ndarray::{Array2, Array3, Axis};
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
-use std::path::Path;
 
 /// Error of parameters by the definition in `f64`.
 fn error_by_definition(
@@ -25,7 +27,7 @@ fn error_by_definition(
 ) -> f64 {
     let mut planes: Vec<Array2<f64>> = frames.outer_iter().map(|f| f.to_owned()).collect();
     planes.push(mask.mapv(|m| f64::from(u8::from(m))));
-    let image = common::direct_f64(shape, parameters, planes);
+    let image = direct_f64(shape, parameters, planes);
     let inside = || image.iter().zip(wanted).zip(mask).filter(|(_, m)| **m);
     let sum: f64 = inside().map(|((v, w), _)| (v - w) * (v - w)).sum();
     sum / inside().count() as f64
@@ -45,6 +47,39 @@ fn factors(pairs: &[(Array3<f64>, Array2<f64>)], scales: &[f64], mask: &Array2<b
     errors.iter().zip(scales).map(|(e, s)| 1.0 / (e + 0.02 * mean / (s * s))).collect()
 }
 
+/// Derivatives by name of tensor.
+struct ByName {
+    gradients: GradientsParams,
+    path: Vec<String>,
+    found: BTreeMap<String, Vec<f32>>,
+}
+
+impl ModuleVisitor for ByName {
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.path.push(name.to_owned());
+    }
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.path.pop();
+    }
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let values = self.gradients.get::<D>(param.id).unwrap().into_data();
+        self.found.insert(self.path.join("."), values.try_into_vec::<f32>().unwrap());
+    }
+}
+
+/// Mean error of all examples by burn, and its derivatives in the order of the weights.
+fn derived(start: &Weights, examples: &Examples) -> (f64, Vec<f32>) {
+    let net = Unet::from_weights(start, &TrainDevice::Flex.open().unwrap()).unwrap();
+    let all: Vec<usize> = (0..examples.len()).collect();
+    let TrainStep { errors, gradients } = TrainStep::of(&net, examples, &all, 2).unwrap();
+    let mut by_name = ByName { gradients, path: Vec::new(), found: BTreeMap::new() };
+    net.visit(&mut by_name);
+    let order = names(start.shape);
+    assert_eq!(order.len(), by_name.found.len());
+    let lists = order.iter().flat_map(|name| by_name.found[name].clone());
+    (errors / all.len() as f64, lists.collect())
+}
+
 /// Central differences of the definition in `f64` along random directions within each layer, step
 /// 1e-6: they are right to 1e-8; the derivative in `f32` to 1e-4, the rounding of some thousand sums.
 #[test]
@@ -55,17 +90,15 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
         UnetShape { history: 3, width: 4, depth: 3 },
     ] {
         let pixels = 16;
-        let shard = shard(3, pixels);
+        // more than a thread takes at once
+        let shard = shard(10, pixels);
         let examples = Examples::new(std::slice::from_ref(&shard), shape.history).unwrap();
-        assert_eq!(examples.len(), 3);
-        let parameters = weights(shape, [pixels, pixels]).parameters;
-        let mut steps = Engine::Own.start(shape, [pixels, pixels], 1).unwrap();
-        steps.load(&parameters).unwrap();
-        let (sum, gradient) = steps.step(&examples, &[0, 1, 2]).unwrap();
-        let error = sum / 3.0;
+        assert_eq!(examples.len(), 10);
+        let start = weights(shape, [pixels, pixels]);
+        let (error, gradient) = derived(&start, &examples);
         // the examples once more, in f64
         let mut scales = Vec::new();
-        let pairs: Vec<_> = (0..3)
+        let pairs: Vec<_> = (0..10)
             .map(|last| {
                 let seen = Array3::from_shape_fn((shape.history, pixels, pixels), |(k, r, c)| {
                     let f = (last + k + 1).checked_sub(shape.history);
@@ -82,9 +115,9 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
             let one = |((frames, wanted), factor): (&(Array3<f64>, Array2<f64>), &f64)| {
                 factor * error_by_definition(shape, parameters, frames, wanted, &shard.mask)
             };
-            pairs.iter().zip(&factors).map(one).sum::<f64>() / 3.0
+            pairs.iter().zip(&factors).map(one).sum::<f64>() / 10.0
         };
-        let exact: Vec<f64> = parameters.iter().map(|p| f64::from(*p)).collect();
+        let exact: Vec<f64> = start.parameters.iter().map(|p| f64::from(*p)).collect();
         assert!((error - error_of(&exact)).abs() < 1e-5 * error, "{shape:?}");
         let mut random = Random::new(3);
         let mut from = 0;
@@ -111,13 +144,23 @@ fn the_derivative_is_that_of_the_definition_in_every_layer() {
                 from += count;
             }
         }
-        assert_eq!(from, parameters.len());
+        assert_eq!(from, exact.len());
     }
 }
 
+const SHAPE: UnetShape = UnetShape { history: 2, width: 2, depth: 1 };
+
 fn settings() -> TrainSettings {
-    let shape = UnetShape { history: 2, width: 2, depth: 1 };
-    TrainSettings { shape, seed: 4, epochs: 6, batch: 4, rate: 1e-2, patience: 0 }
+    TrainSettings { seed: 4, epochs: 6, batch: 4, rate: 1e-2, patience: 0 }
+}
+
+fn net(shape: UnetShape) -> Unet {
+    let device = TrainDevice::Flex.open().unwrap();
+    UnetConfig::from(shape).with_seed(4).init(&device).unwrap()
+}
+
+fn trainer(shape: UnetShape, settings: &TrainSettings) -> Trainer<Unet> {
+    Trainer::new(net(shape), settings, "base").unwrap()
 }
 
 fn go_on(_: usize, _: usize) -> ControlFlow<()> {
@@ -130,14 +173,14 @@ fn go_on(_: usize, _: usize) -> ControlFlow<()> {
 fn training_lowers_the_error_of_the_net_that_runs() {
     let shard = shard(12, 16);
     let shape = UnetShape { history: 2, width: 6, depth: 2 };
-    let settings = TrainSettings { shape, epochs: 150, rate: 5e-3, ..settings() };
+    let settings = TrainSettings { epochs: 150, rate: 5e-3, ..settings() };
     let examples = Examples::new(std::slice::from_ref(&shard), 2).unwrap();
-    let mut trainer = Trainer::new(&settings, "base").unwrap();
+    let mut trainer = trainer(shape, &settings);
     while trainer.status() == TrainStatus::Running {
         trainer.epoch(&examples, &examples, 1, &mut go_on).unwrap();
     }
     assert_eq!(trainer.status(), TrainStatus::Done);
-    let weights = trainer.weights("skin", [16, 16], BTreeMap::new());
+    let weights = trainer.weights("skin", [16, 16], &BTreeMap::new()).unwrap();
     let outside_nan =
         |images: &Array3<f32>| ImageStack::new(images.mapv(f64::from), shard.mask.clone()).unwrap();
     let raw = outside_nan(&shard.raw);
@@ -166,9 +209,9 @@ fn training_lowers_the_error_of_the_net_that_runs() {
     assert!(of_net < 0.1 * of_raw, "{of_net} {of_raw}");
 }
 
-/// Frames in which nothing touches are no examples, and do not change what the others count.
+/// Frames in which nothing touches do not change what the others count.
 #[test]
-fn quiet_frames_are_passed_over() {
+fn quiet_frames_count_for_little() {
     let touched = shard(6, 16);
     let alone = Examples::new(std::slice::from_ref(&touched), 1).unwrap();
     let mut quiet = touched.clone();
@@ -176,13 +219,10 @@ fn quiet_frames_are_passed_over() {
         images.mapv_inplace(|v| 1e-3 * v);
     }
     let both = Examples::new(&[touched, quiet], 1).unwrap();
-    assert_eq!((alone.len(), both.len()), (6, 6));
-    let shape = UnetShape { history: 1, width: 2, depth: 1 };
-    let parameters = weights(shape, [16, 16]).parameters;
+    let net = net(UnetShape { history: 1, ..SHAPE });
     let error = |examples: &Examples| {
-        let mut steps = Engine::Own.start(shape, [16, 16], 1).unwrap();
-        steps.load(&parameters).unwrap();
-        steps.error(examples, &[0, 1, 2, 3, 4, 5]).unwrap()
+        let errors = weighted_errors(&net, examples, &[0, 1, 2, 3, 4, 5]).unwrap();
+        errors.sum().into_data().try_into_vec::<f32>().unwrap()[0]
     };
     // the mean over twice the frames is half as large: a fiftieth becomes a hundredth
     let (alone, both) = (error(&alone), error(&both));
@@ -194,7 +234,7 @@ fn quiet_frames_are_passed_over() {
 #[test]
 fn turned_examples_teach_the_other_sides_of_the_skin() {
     let shape = UnetShape { history: 1, width: 6, depth: 2 };
-    let settings = TrainSettings { shape, epochs: 150, rate: 5e-3, ..settings() };
+    let settings = TrainSettings { epochs: 150, rate: 5e-3, ..settings() };
     let half = RasterSymmetry::of_matrix([[-1.0, 0.0], [0.0, -1.0]]).unwrap();
     let seen = shard(12, 16);
     let mut other = seen.clone();
@@ -206,7 +246,7 @@ fn turned_examples_teach_the_other_sides_of_the_skin() {
     let error = |turns: &[RasterSymmetry]| {
         let train =
             Examples::new(std::slice::from_ref(&seen), 1).unwrap().augmented(turns).unwrap();
-        let mut trainer = Trainer::new(&settings, "base").unwrap();
+        let mut trainer = trainer(shape, &settings);
         while trainer.status() == TrainStatus::Running {
             trainer.epoch(&train, &unseen, 2, &mut go_on).unwrap();
         }
@@ -216,28 +256,31 @@ fn turned_examples_teach_the_other_sides_of_the_skin() {
     assert!(turned < 0.2 * plain, "{turned} {plain}");
 }
 
+/// A batch of ten is cut into parts of eight and two, so that threads have something to share.
 #[test]
 fn a_resumed_training_ends_with_the_bits_of_an_uninterrupted_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("checkpoint.safetensors");
-    let (train, held_out) = (shard(10, 16), shard(3, 16));
+    let (train, held_out) = (shard(20, 16), shard(3, 16));
     let quarter = RasterSymmetry::of_matrix([[0.0, -1.0], [1.0, 0.0]]).unwrap();
     let turns = [RasterSymmetry::default(), quarter];
     let train = Examples::new(&[train], 2).unwrap().augmented(&turns).unwrap();
     let held_out = Examples::new(&[held_out], 2).unwrap();
-    let settings = settings();
-    let finish = |mut trainer: Trainer, threads: usize| {
+    let settings = TrainSettings { batch: 10, ..settings() };
+    let new = || trainer(SHAPE, &settings);
+    let finish = |mut trainer: Trainer<Unet>, threads: usize| {
         while trainer.status() == TrainStatus::Running {
             trainer.epoch(&train, &held_out, threads, &mut go_on).unwrap();
         }
-        let bits = trainer.weights("s", [16, 16], BTreeMap::new()).parameters;
+        let bits = trainer.weights("s", [16, 16], &BTreeMap::new()).unwrap().parameters;
         (bits.iter().map(|w| w.to_bits()).collect::<Vec<_>>(), trainer.curve().to_vec())
     };
-    let wanted = finish(Trainer::new(&settings, "base").unwrap(), 1);
+    let wanted = finish(new(), 1);
     assert_eq!(wanted.1.len(), 6);
-    assert_eq!(finish(Trainer::new(&settings, "base").unwrap(), 3), wanted, "threads");
+    assert_ne!(wanted.1[0].held_out_error, wanted.1[5].held_out_error);
+    assert_eq!(finish(new(), 3), wanted, "threads");
 
-    let mut trainer = Trainer::new(&settings, "base").unwrap();
+    let mut trainer = new();
     for _ in 0..2 {
         trainer.epoch(&train, &held_out, 2, &mut go_on).unwrap();
     }
@@ -249,19 +292,32 @@ fn a_resumed_training_ends_with_the_bits_of_an_uninterrupted_one() {
     };
     assert_eq!(trainer.epoch(&train, &held_out, 1, &mut stop).unwrap(), None);
     assert_eq!(finish(trainer, 1), wanted, "broken off");
-    assert_eq!(finish(Trainer::resume(&path, &settings, "base").unwrap(), 1), wanted, "resumed");
+    // the weights of the net that takes the checkpoint over do not matter
+    let device = TrainDevice::Flex.open().unwrap();
+    let other = || UnetConfig::from(SHAPE).with_seed(9).init(&device).unwrap();
+    let resumed = Trainer::resume(&path, other(), &settings, "base").unwrap();
+    assert_eq!(finish(resumed, 1), wanted, "resumed");
 
-    let says = |settings: &TrainSettings, base: &str, text: &str| {
-        let message = Trainer::resume(&path, settings, base).unwrap_err().to_string();
+    let says = |net: Unet, settings: &TrainSettings, base: &str, text: &str| {
+        let message = Trainer::resume(&path, net, settings, base).unwrap_err().to_string();
         assert!(message.contains(text), "{message}");
     };
-    says(&settings, "other", "the learning base is base there, but other here");
-    says(&TrainSettings { rate: 1e-3, ..settings.clone() }, "base", "the training is");
+    says(other(), &settings, "other", "the learning base is base there, but other here");
+    let slower = TrainSettings { rate: 1e-3, ..settings.clone() };
+    says(other(), &slower, "base", "the training is");
+    let wide = net(UnetShape { width: 3, ..SHAPE });
+    says(wide, &settings, "base", "the net is U-net, history 2, width 2, depth 1 there");
     let bytes = std::fs::read(&path).unwrap();
     for end in [0, 7, 100, bytes.len() / 2, bytes.len() - 1] {
         std::fs::write(&path, &bytes[..end]).unwrap();
-        says(&settings, "base", "damaged");
+        says(other(), &settings, "base", "damaged");
     }
+    // a bit of a record
+    let mut changed = bytes.clone();
+    let last = changed.len() - 40;
+    changed[last] ^= 1;
+    std::fs::write(&path, &changed).unwrap();
+    says(other(), &settings, "base", "checksum");
 }
 
 #[test]
@@ -269,106 +325,43 @@ fn training_stops_early_and_refuses_what_cannot_be() {
     let examples = Examples::new(&[shard(4, 16)], 2).unwrap();
     // a rate too small to change anything: never better than the first epoch
     let still = TrainSettings { rate: 1e-30, patience: 2, ..settings() };
-    let mut trainer = Trainer::new(&still, "base").unwrap();
-    while trainer.status() == TrainStatus::Running {
-        trainer.epoch(&examples, &examples, 1, &mut go_on).unwrap();
+    let mut stopped = trainer(SHAPE, &still);
+    while stopped.status() == TrainStatus::Running {
+        stopped.epoch(&examples, &examples, 1, &mut go_on).unwrap();
     }
-    assert_eq!((trainer.status(), trainer.curve().len()), (TrainStatus::Stopped, 3));
+    assert_eq!((stopped.status(), stopped.curve().len()), (TrainStatus::Stopped, 3));
 
-    let refused = |settings: TrainSettings, text: &str| {
-        let message = Trainer::new(&settings, "base").unwrap_err().to_string();
-        assert!(message.contains(text), "{message}");
-    };
-    refused(TrainSettings { rate: f64::NAN, ..settings() }, "rate is NaN");
-    refused(TrainSettings { batch: 0, ..settings() }, "batch is 0");
-    let shape = UnetShape { width: 0, ..settings().shape };
-    refused(TrainSettings { shape, ..settings() }, "width is 0");
-    let mut trainer = Trainer::new(&settings(), "base").unwrap();
+    let none = TrainSettings { batch: 0, ..settings() };
+    let message = Trainer::new(net(SHAPE), &none, "base").unwrap_err().to_string();
+    assert!(message.contains("batch is 0"), "{message}");
+    let device = TrainDevice::Flex.open().unwrap();
+    let message = UnetConfig::new(1, 0, 2).init(&device).unwrap_err().to_string();
+    assert!(message.contains("width is 0"), "{message}");
+    let mut trainer = trainer(SHAPE, &settings());
     let single = Examples::new(&[shard(4, 16)], 1).unwrap();
     let error = trainer.epoch(&single, &single, 1, &mut go_on).unwrap_err();
     assert_eq!(error, DenoiseError::WrongLength { what: "frames an example", found: 1, wanted: 2 });
     assert!(trainer.epoch(&examples, &examples, 0, &mut go_on).is_err());
+    let error = weighted_errors(&net(SHAPE), &examples, &[1, 4]).unwrap_err().to_string();
+    assert!(error.contains("the index of an example is 4"), "{error}");
+    assert!(weighted_errors(&net(SHAPE), &examples, &[]).is_err());
+    // without automatic differentiation nothing is derived
+    let mut plain = Trainer::new(net(SHAPE).valid(), &settings(), "base").unwrap();
+    let error = plain.epoch(&examples, &examples, 1, &mut go_on).unwrap_err().to_string();
+    assert!(error.contains("without automatic differentiation"), "{error}");
     let lost = TrainSettings { rate: 1e300, ..settings() };
-    let error = Trainer::new(&lost, "base").unwrap().epoch(&examples, &examples, 1, &mut go_on);
-    assert!(error.is_err());
-    assert!(matches!(Examples::new(&[], 1), Err(DenoiseError::NothingToLearn { .. })));
+    let mut lost = Trainer::new(net(SHAPE), &lost, "base").unwrap();
+    assert!(lost.epoch(&examples, &examples, 1, &mut go_on).is_err());
 }
 
-fn base_settings() -> BaseSettings {
-    let (skin, recipe) = ("a skin".to_owned(), "bells".to_owned());
-    BaseSettings { skin, pixels: [16, 16], seed: 3, shards: 3, recipe }
-}
-
-fn filled(folder: &Path) -> LearningBase {
-    let mut base = LearningBase::create(folder, &base_settings()).unwrap();
-    for index in base.missing() {
-        base.write(index, &shard(2 + index, 16)).unwrap();
+/// What was not compiled in says how to get it.
+#[test]
+fn a_missing_device_is_refused() {
+    for (device, compiled) in
+        [(TrainDevice::Cuda, cfg!(feature = "cuda")), (TrainDevice::Wgpu, cfg!(feature = "wgpu"))]
+    {
+        let missing = DenoiseError::NotBuilt { device: device.name() };
+        // whether this machine has such a device is its own affair
+        assert_eq!(device.open().err() == Some(missing), !compiled, "{device}");
     }
-    base
-}
-
-#[test]
-fn a_base_goes_on_where_it_was_killed() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut base = LearningBase::create(folder.path(), &base_settings()).unwrap();
-    assert_eq!(base.missing(), [0, 1, 2]);
-    base.write(1, &shard(3, 16)).unwrap();
-    // killed after a shard was in its place, before the manifest was: it is made again
-    std::fs::write(folder.path().join("shard-00002.safetensors"), b"half").unwrap();
-    let base = LearningBase::create(folder.path(), &base_settings()).unwrap();
-    assert_eq!(base.missing(), [0, 2]);
-    assert!(base.read(2).unwrap_err().to_string().contains("not made yet"));
-    let base = filled(folder.path());
-    assert!(base.missing().is_empty());
-    assert_eq!(base.frames(), 2 + 3 + 4);
-    assert_eq!(base.read(1).unwrap(), shard(3, 16));
-    let whole = tempfile::tempdir().unwrap();
-    assert_eq!(filled(whole.path()).checksum().unwrap(), base.checksum().unwrap());
-
-    // a shard that lost its end, and one that lost a bit
-    let path = folder.path().join("shard-00001.safetensors");
-    let bytes = std::fs::read(&path).unwrap();
-    std::fs::write(&path, &bytes[..bytes.len() - 5]).unwrap();
-    let message = base.read(1).unwrap_err().to_string();
-    assert!(message.contains(&format!("{} bytes with checksum", bytes.len() - 5)), "{message}");
-    let mut changed = bytes.clone();
-    changed[500] ^= 1;
-    std::fs::write(&path, &changed).unwrap();
-    assert_eq!(base.missing(), [1]);
-    assert!(filled(folder.path()).missing().is_empty());
-    assert_eq!(std::fs::read(&path).unwrap(), bytes);
-}
-
-#[test]
-fn a_base_refuses_other_settings_and_empty_pairs() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut base = filled(folder.path());
-    let other = BaseSettings { seed: 4, ..base_settings() };
-    let message = LearningBase::create(folder.path(), &other).unwrap_err().to_string();
-    assert!(message.contains("the seed is 3 there, but 4 here"), "{message}");
-    let none = BaseSettings { shards: 0, ..base_settings() };
-    assert!(LearningBase::create(folder.path(), &none).is_err());
-    assert!(base.write(3, &shard(2, 16)).is_err());
-    assert!(matches!(base.write(0, &shard(2, 20)), Err(DenoiseError::ShapeMismatch { .. })));
-    std::fs::write(folder.path().join("manifest.json"), b"{ \"version\": 1").unwrap();
-    let message = LearningBase::open(folder.path()).unwrap_err().to_string();
-    assert!(message.contains("manifest.json: damaged"), "{message}");
-    assert!(LearningBase::open(&folder.path().join("nowhere")).is_err());
-
-    let stack = |frames: usize, value: f64| {
-        ImageStack::new(Array3::from_elem((frames, 16, 16), value), disc(16, 16)).unwrap()
-    };
-    let refused = |raw: &ImageStack, wanted: &ImageStack| Shard::new(raw, wanted).unwrap_err();
-    assert!(matches!(refused(&stack(2, 0.0), &stack(2, 1.0)), DenoiseError::NothingToLearn { .. }));
-    assert!(matches!(refused(&stack(2, 1.0), &stack(3, 1.0)), DenoiseError::WrongLength { .. }));
-}
-
-/// `direct` for weights in files, so that both forms of the definition are one.
-#[test]
-fn the_definition_takes_both_kinds_of_weights() {
-    let shape = UnetShape { history: 1, width: 1, depth: 1 };
-    let net = weights(shape, [4, 4]);
-    let planes = vec![Array2::eye(4), Array2::ones((4, 4))];
-    let exact: Vec<f64> = net.parameters.iter().map(|p| f64::from(*p)).collect();
-    assert_eq!(direct(&net, planes.clone()), common::direct_f64(shape, &exact, planes));
 }

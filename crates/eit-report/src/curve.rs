@@ -2,38 +2,30 @@
 
 use crate::error::ReportError;
 use crate::output::{OutFile, io};
-use eit_denoise::{Epoch, Trainer};
+use eit_denoise::Epoch;
 use eit_picture::{Plot, Series, draw_plot};
 use std::path::Path;
 
-/// Writes `csv` and `png` beside the weights.
-pub fn write(trainer: &Trainer, weights: &Path) -> Result<(), ReportError> {
+/// Writes `csv` and `png` beside the weights; `footnote` names the net.
+pub fn write(curve: &[Epoch], footnote: String, weights: &Path) -> Result<(), ReportError> {
     OutFile::new(&weights.with_extension("csv"))?.write(|w| {
         writeln!(w, "epoch,train_error,held_out_error,rate").map_err(io)?;
-        for Epoch { epoch, train_error, held_out_error, rate } in trainer.curve() {
+        for Epoch { epoch, train_error, held_out_error, rate } in curve {
             writeln!(w, "{epoch},{train_error:e},{held_out_error:e},{rate:e}").map_err(io)?;
         }
         Ok(())
     })?;
     let line = |name: &str, value: &dyn Fn(&Epoch) -> f64| Series {
         name: name.to_owned(),
-        points: trainer.curve().iter().map(|e| [(e.epoch + 1) as f64, value(e)]).collect(),
+        points: curve.iter().map(|e| [(e.epoch + 1) as f64, value(e)]).collect(),
         line: true,
         markers: true,
     };
-    let shape = trainer.settings().shape;
     let plot = Plot {
         title: "Learning curve".to_owned(),
-        footnote: format!(
-            "U-net of {} weights (width {}, depth {}, {} frames), seed {}",
-            shape.parameters(),
-            shape.width,
-            shape.depth,
-            shape.history,
-            trainer.settings().seed
-        ),
+        footnote,
         x_label: "epoch".to_owned(),
-        y_label: "mean squared error, images scaled to 1".to_owned(),
+        y_label: "mean squared error, part of the raw images'".to_owned(),
         x_log: false,
         y_log: true,
         series: vec![

@@ -194,7 +194,9 @@ impl SkinError {
                     | FemError::OutOfMemory { .. }
             ),
             Self::Inverse(error) => !matches!(error, InverseError::Factorisation { .. }),
-            Self::Denoise(error) => !matches!(error, DenoiseError::Io { .. }),
+            Self::Denoise(error) => {
+                !matches!(error, DenoiseError::Io { .. } | DenoiseError::Burn { .. })
+            }
             Self::Hw(error) => !matches!(
                 error,
                 HwError::Write { .. }

@@ -39,7 +39,7 @@ mod stop;
 mod synthetic_touch;
 pub mod total_variation;
 pub mod touches;
-#[cfg(feature = "train")]
+#[cfg(feature = "base")]
 pub mod train;
 pub mod words;
 

@@ -1,6 +1,9 @@
-//! A learning base out of simulated touches or recordings, then a U-net.
+//! A learning base out of simulated touches or recordings (feature `base`), then a net (feature
+//! `train`).
 
 mod held_out;
+#[cfg(feature = "train")]
+mod learn;
 mod motion;
 mod recorded;
 mod sequences;
@@ -8,19 +11,14 @@ mod shared;
 mod simulated;
 
 pub use held_out::{held_out_scores, misfit_limit};
+#[cfg(feature = "train")]
+pub use learn::{MadeBy, Training, Worth, learn, weights};
 pub use sequences::Sequences;
 
-use crate::denoise::Scores;
 use crate::error::SkinError;
 use crate::progress::Progress;
-use crate::skin::Skin;
 use crate::stop::StopFlag;
-use eit_denoise::{
-    BaseSettings, Engine, Examples, LearningBase, Shard, TrainSettings, TrainStatus, Trainer,
-    Weights,
-};
-use std::collections::BTreeMap;
-use std::ops::ControlFlow;
+use eit_denoise::{BaseSettings, LearningBase, Shard};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
@@ -127,119 +125,4 @@ pub fn shards(base: &LearningBase) -> Result<(Vec<Shard>, Vec<Shard>), SkinError
         list.push(base.read(index)?);
     }
     Ok((train, held_out))
-}
-
-/// How a net is trained.
-#[derive(Debug, Clone, Copy)]
-pub struct Training<'a> {
-    /// Shape of the net, steps and rates.
-    pub settings: &'a TrainSettings,
-    /// Checksum of the learning base.
-    pub base: &'a str,
-    /// Written after every epoch; training goes on from it where it is there.
-    pub checkpoint: &'a Path,
-    /// Threads; the result does not depend on them.
-    pub threads: usize,
-    /// What computes the steps.
-    pub engine: Engine,
-    /// Set from outside to end it.
-    pub stop: &'a StopFlag,
-}
-
-/// Trains from the start, or from the checkpoint.
-pub fn learn(
-    training: &Training<'_>,
-    sequences: &Sequences,
-    shards: Vec<Shard>,
-    held_out: &[Shard],
-    progress: &mut Progress,
-) -> Result<Trainer, SkinError> {
-    let Training { settings, base, checkpoint, threads, engine, stop } = *training;
-    let history = settings.shape.history;
-    let train = Examples::new(&shards, history)?.augmented(&sequences.turns())?;
-    // hundreds of megabytes that are not looked at again
-    drop(shards);
-    let held_out = Examples::new(held_out, history)?;
-    let mut trainer = match checkpoint.exists() {
-        true => Trainer::resume(checkpoint, settings, base)?,
-        false => Trainer::new(settings, base)?,
-    };
-    trainer.set_engine(engine)?;
-    let steps = train.len().div_ceil(settings.batch);
-    progress.steps("training", settings.epochs * steps, |bar| {
-        while trainer.status() == TrainStatus::Running {
-            let done = trainer.curve().len() * steps;
-            let made = trainer.epoch(&train, &held_out, threads, &mut |step, _| {
-                bar.set_position(done + step);
-                match stop.is_set() {
-                    true => ControlFlow::Break(()),
-                    false => ControlFlow::Continue(()),
-                }
-            })?;
-            if made.is_none() {
-                break;
-            }
-            trainer.save(checkpoint)?;
-        }
-        if trainer.curve().is_empty() {
-            return Err(SkinError::Failure(
-                "interrupted in the first epoch: nothing is learnt yet; the learning base stays"
-                    .to_owned(),
-            ));
-        }
-        Ok(trainer)
-    })
-}
-
-/// What a trained net is worth on sequences that it did not learn from.
-#[derive(Debug, Clone, Copy)]
-pub struct Worth {
-    /// Error beside that of the raw images.
-    pub scores: Scores,
-    /// Part of the data's energy that known images leave unexplained.
-    pub misfit_limit: Option<f64>,
-}
-
-/// Which program wrote a file of weights.
-#[derive(Debug, Clone, Copy)]
-pub struct MadeBy<'a> {
-    /// Name and version.
-    pub program: &'a str,
-    /// Commit that it was built from.
-    pub commit: &'a str,
-}
-
-/// The trained weights with what their file says of them; `program` and `commit` made them.
-pub fn weights(
-    skin: &Skin,
-    base: &LearningBase,
-    trainer: &Trainer,
-    worth: &Worth,
-    made_by: &MadeBy<'_>,
-) -> Result<Weights, SkinError> {
-    let Worth { scores, misfit_limit: limit } = worth;
-    let settings = trainer.settings();
-    let best = trainer.best();
-    let entries = [
-        ("scene", skin.name.clone()),
-        ("base", base.checksum()?),
-        ("recipe", base.settings().recipe.clone()),
-        ("sequences", base.settings().shards.to_string()),
-        ("examples", base.frames().to_string()),
-        ("seed", settings.seed.to_string()),
-        ("epochs", trainer.curve().len().to_string()),
-        ("best_epoch", best.map_or(String::new(), |e| e.epoch.to_string())),
-        ("batch", settings.batch.to_string()),
-        ("rate", settings.rate.to_string()),
-        ("held_out_error", best.map_or(String::new(), |e| e.held_out_error.to_string())),
-        ("held_out_net_over_raw", scores.net_over_raw.to_string()),
-        ("held_out_rule_over_raw", scores.rule_over_raw.to_string()),
-        ("program", made_by.program.to_owned()),
-        ("commit", made_by.commit.to_owned()),
-    ];
-    let limit = limit.map(|limit| ("misfit_limit", limit.to_string()));
-    let about: BTreeMap<String, String> =
-        entries.into_iter().chain(limit).map(|(key, value)| (key.to_owned(), value)).collect();
-    let bare = trainer.weights(&skin.fingerprint, base.settings().pixels, BTreeMap::new());
-    Ok(Weights { about, ..bare })
 }

@@ -25,6 +25,10 @@ pub(crate) mod report;
 pub(crate) mod shell;
 pub(crate) mod simulate;
 mod solve;
+#[cfg(feature = "train")]
+pub(crate) mod train;
+#[cfg(not(feature = "train"))]
+#[path = "train_absent.rs"]
 pub(crate) mod train;
 mod view;
 mod viewer;

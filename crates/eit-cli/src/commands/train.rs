@@ -1,12 +1,13 @@
-//! `eit train`: a learning base out of simulated touches, then a U-net.
+//! `eit train`: a learning base out of simulated touches, then a U-net by burn.
 
 use super::Answer;
 use crate::cli::TrainArgs;
 use crate::error::CliError;
 use crate::{interrupt, progress};
-use eit_denoise::{TrainSettings, TrainStatus, UnetShape};
+use eit_denoise::{TrainSettings, TrainStatus, UnetConfig, UnetShape};
 use eit_report::curve;
 use eit_report::output::OutFile;
+use eit_skin::denoise::Scores;
 use eit_skin::scene::Scene;
 use eit_skin::train::{self, BaseRequest, MadeBy, Sequences, Training, Worth};
 use eit_skin::{MeshOverride, Skin};
@@ -18,7 +19,9 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let scene = Scene::load(&args.scene)?;
     scene.refuse_movement("train")?;
     super::check_ending(&args.out, &["safetensors"])?;
-    let settings = settings(args)?;
+    let (shape, settings) = settings(args)?;
+    let open = args.device.open();
+    let device = open.map_err(|e| CliError::input(format!("--device {}: {e}", args.device)))?;
     let request = BaseRequest {
         method: args.method.clone(),
         frames: args.frames,
@@ -47,11 +50,11 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         base: &name,
         checkpoint: &args.out.with_extension("checkpoint"),
         threads,
-        engine: args.engine,
         stop: &stop,
     };
-    let trainer = train::learn(&training, &sequences, learnt, &held_out, &mut progress)?;
-    let bare = trainer.weights(&skin.fingerprint, base.settings().pixels, BTreeMap::new());
+    let net = UnetConfig::from(shape).with_seed(args.seed).init(&device)?;
+    let trainer = train::learn(net, &training, &sequences, learnt, &held_out, &mut progress)?;
+    let bare = trainer.weights(&skin.fingerprint, base.settings().pixels, &BTreeMap::new())?;
     let worth = progress.stage("compare", || {
         let scores = train::held_out_scores(&bare, &held_out)?;
         let misfit_limit = train::misfit_limit(&bare, &held_out, &sequences)?;
@@ -61,18 +64,19 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let made_by = MadeBy { program: &program, commit: env!("EIT_COMMIT") };
     let weights = train::weights(&skin, &base, &trainer, &worth, &made_by)?;
     let Worth { scores, misfit_limit: limit } = worth;
+    curve::write(trainer.curve(), footnote(shape, args.seed), &args.out)?;
+    refuse_worse(&scores, args)?;
     let bytes = weights.to_bytes()?;
     out.write(|w| w.write_all(&bytes).map_err(eit_report::output::io))?;
-    curve::write(&trainer, &args.out)?;
     let json = json!({
         "scene": scene.name,
         "skin": skin.fingerprint,
         "base": folder.display().to_string(),
         "base_checksum": name,
         "examples": base.frames(),
-        "parameters": settings.shape.parameters(),
-        "multiply_adds": settings.shape.multiply_adds(weights.pixels[0], weights.pixels[1]),
-        "engine": args.engine.name(),
+        "parameters": shape.parameters(),
+        "multiply_adds": shape.multiply_adds(weights.pixels[0], weights.pixels[1]),
+        "device": args.device.name(),
         "epochs": trainer.curve().len(),
         "status": status_words(trainer.status()),
         "held_out_error": trainer.best().map(|e| e.held_out_error),
@@ -89,7 +93,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         base.frames(),
         args.sequences,
         folder.display(),
-        settings.shape.parameters(),
+        shape.parameters(),
         trainer.curve().len(),
         status_words(trainer.status()),
         trainer.best().map_or(f64::NAN, |e| e.held_out_error),
@@ -103,13 +107,37 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     Ok(Answer { text, json })
 }
 
-fn settings(args: &TrainArgs) -> Result<TrainSettings, CliError> {
+/// A net that makes images worse than it was given helps nobody, and a file of weights does not look
+/// like it.
+fn refuse_worse(scores: &Scores, args: &TrainArgs) -> Result<(), CliError> {
+    if args.force || scores.net_over_raw < 1.0 {
+        return Ok(());
+    }
+    Err(CliError::Failure(format!(
+        "{} is not written: on the held-out sequences the net's squared error is {:.3} of the raw \
+         image's (median of {} frames), so that it makes them worse; train with more sequences or \
+         epochs, or write it all the same with --force",
+        args.out.display(),
+        scores.net_over_raw,
+        scores.frames
+    )))
+}
+
+fn footnote(shape: UnetShape, seed: u64) -> String {
+    let UnetShape { history, width, depth } = shape;
+    format!(
+        "U-net of {} weights (width {width}, depth {depth}, {history} frames), seed {seed}",
+        shape.parameters()
+    )
+}
+
+fn settings(args: &TrainArgs) -> Result<(UnetShape, TrainSettings), CliError> {
     let shape = UnetShape { history: args.history, width: args.width, depth: args.depth };
     let TrainArgs { seed, epochs, batch, rate, patience, .. } = *args;
-    let settings = TrainSettings { shape, seed, epochs, batch, rate, patience };
-    settings.validate().map_err(|e| CliError::input(format!("--{e}")))?;
-    args.engine.check().map_err(|e| CliError::input(format!("--engine {}: {e}", args.engine)))?;
-    Ok(settings)
+    let settings = TrainSettings { seed, epochs, batch, rate, patience };
+    let valid = shape.validate().and_then(|()| settings.validate());
+    valid.map_err(|e| CliError::input(format!("--{e}")))?;
+    Ok((shape, settings))
 }
 
 fn status_words(status: TrainStatus) -> &'static str {

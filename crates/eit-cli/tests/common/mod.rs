@@ -33,6 +33,15 @@ pub fn refuse(arguments: &[&str]) -> String {
     stderr
 }
 
+/// Runs `eit` and expects a failure with exit code 1 and one line; returns the line.
+pub fn fail(arguments: &[&str]) -> String {
+    let output = eit(arguments);
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(1), "eit {arguments:?}: {stderr}");
+    assert_eq!(stderr.trim_end().lines().count(), 1, "one line: {stderr}");
+    stderr
+}
+
 /// The scenes that come with the project.
 pub fn scene(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fixtures/scenes").join(name);

@@ -1,72 +1,83 @@
-//! A training in a file: everything that the next epoch depends on.
+//! A training in a file: everything that the next epoch depends on. Nets and optimiser are burn's own
+//! records, each with its checksum, in one file of ours, so that a kill leaves all of them or none.
 
-use super::adam::Adam;
-use super::{Engine, Epoch, TrainSettings, Trainer};
+use super::Trainer;
 use crate::learning_base::write_whole;
-use crate::unet::{bytes_of, floats_of, format_error};
-use crate::{DenoiseError, UnetShape};
+use crate::unet::format_error;
+use crate::{DenoiseError, Epoch, ImageNet, TrainSettings};
+use burn::store::{ModuleRecord, RecordError};
+use burn::tensor::Bytes;
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Format that is written; others are refused.
-const VERSION: u32 = 1;
+/// Format that is written; others are refused. The first was that of a training without burn.
+const VERSION: u32 = 2;
 const KEY: &str = "training";
+/// Names of the records.
+const NAMES: [&str; 3] = ["net", "best", "optimiser"];
 
-/// All that is not an array; numbers as JSON, which gives `f64` back exactly.
+/// All that is not a record; numbers as JSON, which gives `f64` back exactly.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct State {
     version: u32,
     base: String,
-    history: usize,
-    width: usize,
-    depth: usize,
+    /// [`ImageNet::name`].
+    net: String,
     seed: u64,
     epochs: usize,
     batch: usize,
     rate: f64,
     patience: usize,
-    adam_steps: u64,
     /// epoch, train error, held-out error, rate
     curve: Vec<(usize, f64, f64, f64)>,
+    /// Checksums of the records.
+    crc32: [u32; 3],
 }
 
-impl Trainer {
+/// The format's version alone: other versions have other fields.
+#[derive(Deserialize)]
+struct Version {
+    version: u32,
+}
+
+fn record(error: RecordError) -> DenoiseError {
+    DenoiseError::burn(&error)
+}
+
+impl<N: ImageNet> Trainer<N> {
     /// Writes a checkpoint beside its place and renames it: a kill at any time leaves the one
     /// before.
     ///
     /// # Errors
-    /// [`DenoiseError::Io`].
+    /// [`DenoiseError::Io`], [`DenoiseError::Burn`].
     pub fn save(&self, path: &Path) -> Result<(), DenoiseError> {
-        let TrainSettings { shape, seed, epochs, batch, rate, patience } = self.settings;
-        let UnetShape { history, width, depth } = shape;
+        let TrainSettings { seed, epochs, batch, rate, patience } = self.settings;
+        let records = [
+            self.net.clone().into_record().into_bytes().map_err(record)?,
+            self.best.clone().into_record().into_bytes().map_err(record)?,
+            self.optimiser.into_bytes().map_err(record)?,
+        ];
         let line = |e: &Epoch| (e.epoch, e.train_error, e.held_out_error, e.rate);
-        let curve = self.curve.iter().map(line).collect();
-        let (base, adam_steps) = (self.base.clone(), self.adam.steps);
-        let version = VERSION;
         let state = State {
-            version,
-            base,
-            history,
-            width,
-            depth,
+            version: VERSION,
+            base: self.base.clone(),
+            net: self.net.name(),
             seed,
             epochs,
             batch,
             rate,
             patience,
-            adam_steps,
-            curve,
+            curve: self.curve.iter().map(line).collect(),
+            crc32: records.each_ref().map(|bytes| crc32fast::hash(bytes)),
         };
         let state = serde_json::to_string(&state)
             .map_err(|e| DenoiseError::Format { what: e.to_string() })?;
-        let lists = [&self.parameters, &self.best, &self.adam.mean, &self.adam.square];
-        let bytes = lists.map(|list| bytes_of(list));
         let mut tensors = Vec::new();
-        for (name, bytes) in NAMES.into_iter().zip(&bytes) {
-            let view = TensorView::new(Dtype::F32, vec![bytes.len() / 4], bytes);
+        for (name, bytes) in NAMES.into_iter().zip(&records) {
+            let view = TensorView::new(Dtype::U8, vec![bytes.len()], bytes);
             tensors.push((name, view.map_err(format_error)?));
         }
         let metadata = HashMap::from([(KEY.to_owned(), state)]);
@@ -74,71 +85,80 @@ impl Trainer {
         write_whole(path, &file)
     }
 
-    /// Goes on from a checkpoint of the same settings and learning base, whichever engine made it.
+    /// Goes on from a checkpoint of a net of the same name, the same settings and learning base,
+    /// whichever device made it. The weights of `net` do not matter, its device does.
     ///
     /// # Errors
     /// [`DenoiseError::Io`], [`DenoiseError::InFile`] for a damaged file,
     /// [`DenoiseError::OtherSettings`].
-    pub fn resume(path: &Path, settings: &TrainSettings, base: &str) -> Result<Self, DenoiseError> {
+    pub fn resume(
+        path: &Path,
+        net: N,
+        settings: &TrainSettings,
+        base: &str,
+    ) -> Result<Self, DenoiseError> {
         let bytes = std::fs::read(path).map_err(|e| DenoiseError::io(path, &e))?;
-        Self::from_bytes(&bytes, settings, base).map_err(|e| e.in_file(path))
+        Self::from_bytes(&bytes, net, settings, base).map_err(|e| e.in_file(path))
     }
 
     fn from_bytes(
         bytes: &[u8],
+        net: N,
         settings: &TrainSettings,
         base: &str,
     ) -> Result<Self, DenoiseError> {
-        let (_, header) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
-        let wrong = |what: String| DenoiseError::Format { what };
-        let state = header.metadata().as_ref().and_then(|m| m.get(KEY));
-        let state = state.ok_or_else(|| wrong("no checkpoint of a training".to_owned()))?;
-        let state: State = serde_json::from_str(state).map_err(|e| wrong(e.to_string()))?;
-        if state.version != VERSION {
-            let what = format!("version {} of the format, not {VERSION}", state.version);
-            return Err(wrong(what));
-        }
-        let State { history, width, depth, seed, epochs, batch, rate, patience, .. } = state;
-        let shape = UnetShape { history, width, depth };
-        let found = TrainSettings { shape, seed, epochs, batch, rate, patience };
-        if found != *settings {
-            let (found, wanted) = (format!("{found:?}"), format!("{settings:?}"));
-            return Err(DenoiseError::OtherSettings { what: "the training", found, wanted });
-        }
-        if state.base != base {
-            let (found, wanted) = (state.base, base.to_owned());
-            return Err(DenoiseError::OtherSettings { what: "the learning base", found, wanted });
-        }
-        settings.validate()?;
-        let tensors = SafeTensors::deserialize(bytes).map_err(format_error)?;
-        let wanted = shape.parameters();
-        let list = |name: &str| {
-            let tensor = tensors.tensor(name).map_err(format_error)?;
-            let values: Vec<f32> = floats_of(tensor.data()).collect();
-            match (tensor.dtype(), values.len()) {
-                (Dtype::F32, found) if found == wanted => Ok(values),
-                (_, found) => Err(DenoiseError::WrongLength { what: "weights", found, wanted }),
+        let state = State::read(bytes)?;
+        let State { seed, epochs, batch, rate, patience, .. } = state;
+        let found = TrainSettings { seed, epochs, batch, rate, patience };
+        let differs = |what, found: String, wanted: String| {
+            if found == wanted {
+                return Ok(());
             }
+            Err(DenoiseError::OtherSettings { what, found, wanted })
         };
-        let [parameters, best, mean, square] = NAMES.map(list);
-        let adam = Adam { mean: mean?, square: square?, steps: state.adam_steps };
+        differs("the net", state.net, net.name())?;
+        differs("the training", format!("{found:?}"), format!("{settings:?}"))?;
+        differs("the learning base", state.base, base.to_owned())?;
+        let tensors = SafeTensors::deserialize(bytes).map_err(format_error)?;
+        let mut records = Vec::new();
+        for (name, wanted) in NAMES.into_iter().zip(state.crc32) {
+            let bytes = tensors.tensor(name).map_err(format_error)?.data();
+            let found = crc32fast::hash(bytes);
+            if found != wanted {
+                let what = format!("{name} has checksum {found:08x}, not {wanted:08x}");
+                return Err(DenoiseError::Format { what });
+            }
+            records.push(Bytes::from_bytes_vec(bytes.to_vec()));
+        }
+        let mut made = Self::new(net, settings, base)?;
+        let [of_net, of_best, of_optimiser] = <[Bytes; 3]>::try_from(records)
+            .map_err(|_| DenoiseError::Format { what: "a record is missing".to_owned() })?;
+        let read = |bytes| ModuleRecord::from_bytes(bytes).map_err(record);
+        made.net = made.net.try_load_record(read(of_net)?).map_err(record)?;
+        made.best = made.best.try_load_record(read(of_best)?).map_err(record)?;
+        made.optimiser = made.optimiser.from_bytes(of_optimiser).map_err(record)?;
         let line = |&(epoch, train_error, held_out_error, rate): &(usize, f64, f64, f64)| Epoch {
             epoch,
             train_error,
             held_out_error,
             rate,
         };
-        Ok(Self {
-            settings: found,
-            parameters: parameters?,
-            adam,
-            best: best?,
-            curve: state.curve.iter().map(line).collect(),
-            base: state.base,
-            engine: Engine::default(),
-        })
+        made.curve = state.curve.iter().map(line).collect();
+        Ok(made)
     }
 }
 
-/// Names of the arrays.
-const NAMES: [&str; 4] = ["parameters", "best", "adam_mean", "adam_square"];
+impl State {
+    fn read(bytes: &[u8]) -> Result<Self, DenoiseError> {
+        let (_, header) = SafeTensors::read_metadata(bytes).map_err(format_error)?;
+        let wrong = |what: String| DenoiseError::Format { what };
+        let text = header.metadata().as_ref().and_then(|m| m.get(KEY));
+        let text = text.ok_or_else(|| wrong("no checkpoint of a training".to_owned()))?;
+        let json = |e: serde_json::Error| wrong(e.to_string());
+        let Version { version } = serde_json::from_str(text).map_err(json)?;
+        if version != VERSION {
+            return Err(wrong(format!("version {version} of the format, not {VERSION}")));
+        }
+        serde_json::from_str(text).map_err(json)
+    }
+}

@@ -83,22 +83,10 @@ impl Packed {
         }
     }
 
-    /// The adjoint of [`Packed::new`] with these weights, and no bias: run with `POSITIVE` false, it
-    /// takes derivatives of outputs to derivatives of inputs.
-    #[cfg(feature = "train")]
-    pub fn adjoint(weights: &[f32], inputs: usize, outputs: usize) -> Self {
-        let turned = |k: usize| {
-            let (i, o, tap) = (k / (outputs * 9), k / 9 % outputs, k % 9);
-            weights[(o * inputs + i) * 9 + 8 - tap]
-        };
-        let turned: Vec<f32> = (0..weights.len()).map(turned).collect();
-        Self::new(&turned, &vec![0.0; inputs], outputs)
-    }
-
-    /// `output = weights * input + bias`, and its positive part with `POSITIVE`, for planes of one
-    /// size; the first inputs and outputs of longer lists.
+    /// `output`: the positive part of `weights * input + bias`, for planes of one size; the first inputs
+    /// and outputs of longer lists.
     #[inline(always)]
-    pub fn run<const POSITIVE: bool>(&self, plane: Plane, input: &[f32], output: &mut [f32]) {
+    pub fn run(&self, plane: Plane, input: &[f32], output: &mut [f32]) {
         let groups = self.weights.chunks_exact(self.inputs).zip(&self.biases);
         let outputs = output[..self.outputs * plane.len()].chunks_mut(GROUP * plane.len());
         for ((weights, biases), output) in groups.zip(outputs) {
@@ -107,14 +95,12 @@ impl Packed {
                 while column < plane.width() {
                     let at = [row, column];
                     if plane.width() - column >= 2 * LANES {
-                        tile::<{ 2 * LANES }, { 2 * LANES + 2 }, POSITIVE>(
+                        tile::<{ 2 * LANES }, { 2 * LANES + 2 }>(
                             weights, biases, plane, at, input, output,
                         );
                         column += 2 * LANES;
                     } else {
-                        tile::<LANES, { LANES + 2 }, POSITIVE>(
-                            weights, biases, plane, at, input, output,
-                        );
+                        tile::<LANES, { LANES + 2 }>(weights, biases, plane, at, input, output);
                         column += LANES;
                     }
                 }
@@ -125,7 +111,7 @@ impl Packed {
 
 /// `L` pixels of a row of a group's outputs; `WIDE` is `L` with a pixel on either side.
 #[inline(always)]
-fn tile<const L: usize, const WIDE: usize, const POSITIVE: bool>(
+fn tile<const L: usize, const WIDE: usize>(
     weights: &[[[f32; GROUP]; 9]],
     biases: &[f32; GROUP],
     plane: Plane,
@@ -157,7 +143,7 @@ fn tile<const L: usize, const WIDE: usize, const POSITIVE: bool>(
     for (sum, output) in sums.iter().zip(output.chunks_exact_mut(plane.len())) {
         let out = &mut output[at..at + L];
         for (out, sum) in out.iter_mut().zip(sum) {
-            *out = if POSITIVE && *sum <= 0.0 { 0.0 } else { *sum };
+            *out = if *sum <= 0.0 { 0.0 } else { *sum };
         }
         out[kept..].fill(0.0);
     }
@@ -198,127 +184,6 @@ pub(super) fn double(from: Plane, input: &[f32], to: Plane, output: &mut [f32]) 
             let out = &mut output[to.row(row)..][..to.columns];
             for (out, pixel) in out.chunks_exact_mut(2).zip(pixels) {
                 out.fill(*pixel);
-            }
-        }
-    }
-}
-
-/// Adds to `gradient` [output, input, tap] the derivative of `sum(derivative * convolution)` by the
-/// weights, and to `biases` that by the biases. All planes have zeros in border and lanes.
-#[cfg(feature = "train")]
-#[inline(always)]
-pub(super) fn add_weight_gradient(
-    plane: Plane,
-    input: &[f32],
-    derivative: &[f32],
-    gradient: &mut [f32],
-    biases: &mut [f32],
-) {
-    let len = plane.len();
-    let inputs = input.len() / len;
-    for (derivative, bias) in derivative.chunks_exact(len).zip(biases.iter_mut()) {
-        *bias += derivative.iter().sum::<f32>();
-    }
-    let groups = derivative.chunks(GROUP * len).zip(gradient.chunks_mut(GROUP * inputs * 9));
-    for (derivative, gradient) in groups {
-        for (i, input) in input.chunks_exact(len).enumerate() {
-            let at = |o: usize| (o * inputs + i) * 9;
-            // a fixed number of outputs, so that the sums stay in registers
-            match derivative.len() / len {
-                4 => add_correlation::<4>(plane, input, derivative, gradient, at),
-                3 => add_correlation::<3>(plane, input, derivative, gradient, at),
-                2 => add_correlation::<2>(plane, input, derivative, gradient, at),
-                _ => add_correlation::<1>(plane, input, derivative, gradient, at),
-            }
-        }
-    }
-}
-
-/// One input and `O` outputs of [`add_weight_gradient`]; `at` says where an output's taps stand.
-#[cfg(feature = "train")]
-#[inline(always)]
-fn add_correlation<const O: usize>(
-    plane: Plane,
-    input: &[f32],
-    derivative: &[f32],
-    gradient: &mut [f32],
-    at: impl Fn(usize) -> usize,
-) {
-    let (len, stride) = (plane.len(), plane.stride());
-    for y in 0..3 {
-        let mut sums = [[[0.0; LANES]; 3]; O];
-        for row in 0..plane.rows {
-            let from = &input[(row + y) * stride..][..stride];
-            let own = plane.row(row);
-            for column in (0..plane.width()).step_by(LANES) {
-                let pixels: [[f32; LANES]; 3] = std::array::from_fn(|x| {
-                    from[column + x..].first_chunk::<LANES>().copied().unwrap_or_default()
-                });
-                for (o, sums) in sums.iter_mut().enumerate() {
-                    let d = &derivative[o * len + own + column..];
-                    let Some(d) = d.first_chunk::<LANES>() else { continue };
-                    for x in 0..3 {
-                        for l in 0..LANES {
-                            sums[x][l] = d[l].mul_add(pixels[x][l], sums[x][l]);
-                        }
-                    }
-                }
-            }
-        }
-        for (o, sums) in sums.iter().enumerate() {
-            for (x, sum) in sums.iter().enumerate() {
-                gradient[at(o) + 3 * y + x] += sum.iter().sum::<f32>();
-            }
-        }
-    }
-}
-
-/// Takes out what the positive part of `value` did not let through.
-#[cfg(feature = "train")]
-#[inline(always)]
-pub(super) fn mask_derivative(value: &[f32], derivative: &mut [f32]) {
-    for (derivative, value) in derivative.iter_mut().zip(value) {
-        *derivative = if *value > 0.0 { *derivative } else { 0.0 };
-    }
-}
-
-/// Adds the derivative of [`halve`]: to the first of the largest.
-#[cfg(feature = "train")]
-#[inline(always)]
-pub(super) fn add_halve_derivative(
-    from: Plane,
-    input: &[f32],
-    to: Plane,
-    derivative: &[f32],
-    into: &mut [f32],
-) {
-    let planes = input.chunks_exact(from.len()).zip(derivative.chunks_exact(to.len()));
-    for ((input, derivative), into) in planes.zip(into.chunks_exact_mut(from.len())) {
-        for row in 0..to.rows {
-            for column in 0..to.columns {
-                let at = from.row(2 * row) + 2 * column;
-                let four = [at, at + 1, at + from.stride(), at + from.stride() + 1];
-                let mut best = four[0];
-                for place in four {
-                    best = if input[place] > input[best] { place } else { best };
-                }
-                into[best] += derivative[to.row(row) + column];
-            }
-        }
-    }
-}
-
-/// The derivative of [`double`]: sums of 2 x 2.
-#[cfg(feature = "train")]
-#[inline(always)]
-pub(super) fn double_derivative(from: Plane, to: Plane, derivative: &[f32], into: &mut [f32]) {
-    let planes = derivative.chunks_exact(to.len());
-    for (derivative, into) in planes.zip(into.chunks_exact_mut(from.len())) {
-        for row in 0..from.rows {
-            for column in 0..from.columns {
-                let at = to.row(2 * row) + 2 * column;
-                let four = [at, at + 1, at + to.stride(), at + to.stride() + 1];
-                into[from.row(row) + column] = four.iter().map(|p| derivative[*p]).sum();
             }
         }
     }

@@ -1,17 +1,17 @@
 //! The U-net: its size, its weights in files, and images through it.
 
 mod denoiser;
-#[cfg(feature = "train")]
-mod gradient;
 mod kernel;
 mod net;
 mod shape;
 mod weights;
 
 pub use denoiser::{Denoiser, NetStatus};
-#[cfg(feature = "train")]
-pub(crate) use gradient::{Example, PackedNet, Tape};
+#[cfg(feature = "burn")]
+pub(crate) use shape::Convolution;
 pub use shape::UnetShape;
 pub use weights::Weights;
-#[cfg(feature = "train")]
+#[cfg(feature = "burn")]
+pub(crate) use weights::metadata;
+#[cfg(feature = "base")]
 pub(crate) use weights::{bytes_of, floats_of, format_error};

@@ -78,12 +78,12 @@ impl WithSimd for Run<'_> {
             let Some([first, second]) = next.next() else { return };
             let (above, below) = levels.split_at_mut(level + 1);
             let here = &mut above[level];
-            first.run::<true>(here.plane, &here.input, &mut here.middle);
+            first.run(here.plane, &here.input, &mut here.middle);
             if let Some(below) = below.first_mut() {
-                second.run::<true>(here.plane, &here.middle, &mut here.joined);
+                second.run(here.plane, &here.middle, &mut here.joined);
                 halve(here.plane, &here.joined, below.plane, &mut below.input);
             } else {
-                second.run::<true>(here.plane, &here.middle, &mut here.output);
+                second.run(here.plane, &here.middle, &mut here.output);
             }
         }
         for level in (0..shape.depth).rev() {
@@ -92,8 +92,8 @@ impl WithSimd for Run<'_> {
             let (here, below) = (&mut above[level], &below[0]);
             let own = shape.channels(level) * here.plane.len();
             double(below.plane, &below.output, here.plane, &mut here.joined[own..]);
-            first.run::<true>(here.plane, &here.joined, &mut here.middle);
-            second.run::<true>(here.plane, &here.middle, &mut here.output);
+            first.run(here.plane, &here.joined, &mut here.middle);
+            second.run(here.plane, &here.middle, &mut here.output);
         }
         let top = &levels[0];
         image.fill(*head_bias);

@@ -91,23 +91,7 @@ impl Weights {
     /// format's own.
     pub fn to_bytes(&self) -> Result<Vec<u8>, DenoiseError> {
         self.validate()?;
-        let UnetShape { history, width, depth } = self.shape;
-        let own = [
-            VERSION.to_owned(),
-            history.to_string(),
-            width.to_string(),
-            depth.to_string(),
-            self.skin.clone(),
-            format!("{}x{}", self.pixels[0], self.pixels[1]),
-        ];
-        let mut metadata: HashMap<String, String> =
-            self.about.iter().map(|(k, v)| (k.clone(), v.clone())).collect();
-        for (key, value) in KEYS.into_iter().zip(own) {
-            if metadata.insert(key.to_owned(), value).is_some() {
-                let what = format!("the key \"{key}\" belongs to the format");
-                return Err(DenoiseError::Format { what });
-            }
-        }
+        let metadata = metadata(self.shape, &self.skin, self.pixels, &self.about)?;
         let bytes = bytes_of(&self.parameters);
         let mut at = 0;
         let mut tensors = Vec::new();
@@ -179,6 +163,32 @@ impl Weights {
         weights.validate()?;
         Ok(weights)
     }
+}
+
+/// What stands beside the tensors of a file.
+pub(crate) fn metadata(
+    shape: UnetShape,
+    skin: &str,
+    pixels: [usize; 2],
+    about: &BTreeMap<String, String>,
+) -> Result<HashMap<String, String>, DenoiseError> {
+    let own = [
+        VERSION.to_owned(),
+        shape.history.to_string(),
+        shape.width.to_string(),
+        shape.depth.to_string(),
+        skin.to_owned(),
+        format!("{}x{}", pixels[0], pixels[1]),
+    ];
+    let mut metadata: HashMap<String, String> =
+        about.iter().map(|(k, v)| (k.clone(), v.clone())).collect();
+    for (key, value) in KEYS.into_iter().zip(own) {
+        if metadata.insert(key.to_owned(), value).is_some() {
+            let what = format!("the key \"{key}\" belongs to the format");
+            return Err(DenoiseError::Format { what });
+        }
+    }
+    Ok(metadata)
 }
 
 fn number(text: &str) -> Result<usize, DenoiseError> {

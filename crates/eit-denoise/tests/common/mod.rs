@@ -27,7 +27,7 @@ pub fn touched(frames: usize, mask: &Array2<bool>) -> Array3<f64> {
 }
 
 /// Bells under noise and the bells alone, twice as large.
-#[cfg(feature = "train")]
+#[cfg(feature = "base")]
 pub fn shard(frames: usize, pixels: usize) -> eit_denoise::Shard {
     let mask = disc(pixels, pixels);
     let noisy = touched(frames, &mask);
@@ -68,6 +68,16 @@ pub fn convolutions(shape: UnetShape) -> Vec<[usize; 3]> {
     }
     list.push([1, channels(0), 1]);
     list
+}
+
+/// Names of the tensors in files, in the order of the parameters.
+pub fn names(shape: UnetShape) -> Vec<String> {
+    let down = (0..shape.depth).map(|level| format!("down.{level}"));
+    let up = (0..shape.depth).rev().map(|level| format!("up.{level}"));
+    let pairs = down.chain(["bottom".to_owned()]).chain(up);
+    let all = pairs.flat_map(|pair| [format!("{pair}.0"), format!("{pair}.1")]);
+    let all = all.chain(["head".to_owned()]);
+    all.flat_map(|name| [format!("{name}.weight"), format!("{name}.bias")]).collect()
 }
 
 /// Channels.

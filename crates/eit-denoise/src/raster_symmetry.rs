@@ -46,7 +46,7 @@ impl RasterSymmetry {
 
     /// Pixels that are in a mask or in its turned image and not in both; all of them where a turn
     /// of 90 degrees meets a raster that is not square.
-    pub(super) fn differing(self, mask: ArrayView2<'_, bool>) -> usize {
+    pub(crate) fn differing(self, mask: ArrayView2<'_, bool>) -> usize {
         let (rows, columns) = mask.dim();
         if self.swapped && rows != columns {
             return mask.len();
@@ -56,7 +56,8 @@ impl RasterSymmetry {
     }
 
     /// Appends a turned image, row by row.
-    pub(super) fn append(self, image: &[f32], size: [usize; 2], out: &mut Vec<f32>) {
+    #[cfg(any(feature = "train", test))]
+    pub(crate) fn append(self, image: &[f32], size: [usize; 2], out: &mut Vec<f32>) {
         for row in 0..size[0] {
             for column in 0..size[1] {
                 let [r, c] = self.old([row, column], size);

@@ -1,9 +1,8 @@
 //! Pairs in memory, normalised as the running net normalises.
 
-use super::raster_symmetry::RasterSymmetry;
 use crate::DenoiseError;
 use crate::learning_base::Shard;
-use crate::unet::Example;
+use crate::raster_symmetry::RasterSymmetry;
 use ndarray::{Array2, Axis};
 
 /// Part of the mean error of the raw images that is added to each one's own before dividing by it,
@@ -29,7 +28,20 @@ pub struct Examples {
     turns: Vec<RasterSymmetry>,
 }
 
+/// One example, normalised as in [`crate::Denoiser`].
+#[cfg(feature = "train")]
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Example<'a> {
+    /// Frames oldest first, divided by their scale, `[history][pixel]`, zero outside the mask.
+    pub frames: &'a [f32],
+    /// What should come out, `[pixel]`, divided by the same scale, zero outside the mask.
+    pub wanted: &'a [f32],
+    /// What the squared error is multiplied by.
+    pub weight: f32,
+}
+
 /// Memory for an example that was turned.
+#[cfg(feature = "train")]
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Turned {
     frames: Vec<f32>,
@@ -161,20 +173,27 @@ impl Examples {
         [self.mask.nrows(), self.mask.ncols()]
     }
 
+    /// Pixels that count.
+    #[cfg(feature = "train")]
+    pub(crate) fn mask(&self) -> &Array2<bool> {
+        &self.mask
+    }
+
     /// Number of ways to turn an example.
+    #[cfg(feature = "train")]
     pub(crate) fn turns(&self) -> usize {
         self.turns.len()
     }
 
     /// Example `k` of `len() * turns()`: first all as they are, then all turned the second way, and
     /// so on.
+    #[cfg(feature = "train")]
     pub(crate) fn get<'a>(&'a self, k: usize, memory: &'a mut Turned) -> Example<'a> {
         let (pixels, turn) = (self.mask.len(), self.turns[k / self.len()]);
         let k = k % self.len();
         let frames = &self.frames[k * self.history * pixels..][..self.history * pixels];
         let wanted = &self.wanted[k * pixels..][..pixels];
-        let mask = self.mask.as_slice().unwrap_or_default();
-        let plain = Example { frames, wanted, mask, size: self.size(), weight: self.weights[k] };
+        let plain = Example { frames, wanted, weight: self.weights[k] };
         if turn == RasterSymmetry::default() {
             return plain;
         }

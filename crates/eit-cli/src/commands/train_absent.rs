@@ -1,0 +1,13 @@
+//! `eit train` of a command that was built without it.
+
+use super::Answer;
+use crate::cli::TrainArgs;
+use crate::error::CliError;
+
+/// Says how to get it, before any work.
+pub(crate) fn run(_: &TrainArgs) -> Result<Answer, CliError> {
+    Err(CliError::input(
+        "this eit was built without training, which compiles burn for ten minutes: build it with \
+         cargo install --path crates/eit-cli --features train",
+    ))
+}

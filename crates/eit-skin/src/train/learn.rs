@@ -1,0 +1,131 @@
+//! Training on a learning base, and what the weights' file says of it.
+
+use super::sequences::Sequences;
+use crate::denoise::Scores;
+use crate::error::SkinError;
+use crate::progress::Progress;
+use crate::skin::Skin;
+use crate::stop::StopFlag;
+use eit_denoise::{
+    Examples, ImageNet, LearningBase, Shard, TrainSettings, TrainStatus, Trainer, Unet, Weights,
+};
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+use std::path::Path;
+
+/// How a net is trained: a [`eit_denoise::Unet`], or one of your own.
+#[derive(Debug, Clone, Copy)]
+pub struct Training<'a> {
+    /// Steps and rates.
+    pub settings: &'a TrainSettings,
+    /// Checksum of the learning base.
+    pub base: &'a str,
+    /// Written after every epoch; training goes on from it where it is there.
+    pub checkpoint: &'a Path,
+    /// Threads; the result does not depend on them.
+    pub threads: usize,
+    /// Set from outside to end it.
+    pub stop: &'a StopFlag,
+}
+
+/// Trains a net from the start, or from the checkpoint, on the device that it stands on
+/// ([`eit_denoise::TrainDevice::open`]).
+///
+/// # Errors
+///
+/// A checkpoint of another training, rates at which weights are lost, an end in the first epoch.
+pub fn learn<N: ImageNet>(
+    net: N,
+    training: &Training<'_>,
+    sequences: &Sequences,
+    shards: Vec<Shard>,
+    held_out: &[Shard],
+    progress: &mut Progress,
+) -> Result<Trainer<N>, SkinError> {
+    let Training { settings, base, checkpoint, threads, stop } = *training;
+    let history = net.history();
+    let train = Examples::new(&shards, history)?.augmented(&sequences.turns())?;
+    // hundreds of megabytes that are not looked at again
+    drop(shards);
+    let held_out = Examples::new(held_out, history)?;
+    let mut trainer = match checkpoint.exists() {
+        true => Trainer::resume(checkpoint, net, settings, base)?,
+        false => Trainer::new(net, settings, base)?,
+    };
+    let steps = train.len().div_ceil(settings.batch);
+    progress.steps("training", settings.epochs * steps, |bar| {
+        while trainer.status() == TrainStatus::Running {
+            let done = trainer.curve().len() * steps;
+            let made = trainer.epoch(&train, &held_out, threads, &mut |step, _| {
+                bar.set_position(done + step);
+                match stop.is_set() {
+                    true => ControlFlow::Break(()),
+                    false => ControlFlow::Continue(()),
+                }
+            })?;
+            if made.is_none() {
+                break;
+            }
+            trainer.save(checkpoint)?;
+        }
+        if trainer.curve().is_empty() {
+            return Err(SkinError::Failure(
+                "interrupted in the first epoch: nothing is learnt yet; the learning base stays"
+                    .to_owned(),
+            ));
+        }
+        Ok(trainer)
+    })
+}
+
+/// What a trained net is worth on sequences that it did not learn from.
+#[derive(Debug, Clone, Copy)]
+pub struct Worth {
+    /// Error beside that of the raw images.
+    pub scores: Scores,
+    /// Part of the data's energy that known images leave unexplained.
+    pub misfit_limit: Option<f64>,
+}
+
+/// Which program wrote a file of weights.
+#[derive(Debug, Clone, Copy)]
+pub struct MadeBy<'a> {
+    /// Name and version.
+    pub program: &'a str,
+    /// Commit that it was built from.
+    pub commit: &'a str,
+}
+
+/// The trained weights with what their file says of them; `program` and `commit` made them.
+pub fn weights(
+    skin: &Skin,
+    base: &LearningBase,
+    trainer: &Trainer<Unet>,
+    worth: &Worth,
+    made_by: &MadeBy<'_>,
+) -> Result<Weights, SkinError> {
+    let Worth { scores, misfit_limit: limit } = worth;
+    let settings = trainer.settings();
+    let best = trainer.best();
+    let entries = [
+        ("scene", skin.name.clone()),
+        ("base", base.checksum()?),
+        ("recipe", base.settings().recipe.clone()),
+        ("sequences", base.settings().shards.to_string()),
+        ("examples", base.frames().to_string()),
+        ("seed", settings.seed.to_string()),
+        ("epochs", trainer.curve().len().to_string()),
+        ("best_epoch", best.map_or(String::new(), |e| e.epoch.to_string())),
+        ("batch", settings.batch.to_string()),
+        ("rate", settings.rate.to_string()),
+        ("held_out_error", best.map_or(String::new(), |e| e.held_out_error.to_string())),
+        ("held_out_net_over_raw", scores.net_over_raw.to_string()),
+        ("held_out_rule_over_raw", scores.rule_over_raw.to_string()),
+        ("program", made_by.program.to_owned()),
+        ("commit", made_by.commit.to_owned()),
+    ];
+    let limit = limit.map(|limit| ("misfit_limit", limit.to_string()));
+    let about: BTreeMap<String, String> =
+        entries.into_iter().chain(limit).map(|(key, value)| (key.to_owned(), value)).collect();
+    Ok(trainer.weights(&skin.fingerprint, base.settings().pixels, &about)?)
+}
