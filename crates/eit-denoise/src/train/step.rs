@@ -23,7 +23,7 @@ pub struct TrainStep {
     pub gradients: GradientsParams,
 }
 
-/// Weighted mean squared error of each example over its masked pixels, [example]: what
+/// Weighted mean squared error of each example over its masked pixels, one value an example: what
 /// [`crate::Trainer`] takes the mean of. Index `k + n t` of `n` examples is the `k`-th in its `t`-th
 /// turn ([`Examples::augmented`]).
 ///
