@@ -72,8 +72,15 @@ impl PressWatch {
             (squares.sum::<f64>() / (count - 1.0)).sqrt()
         };
         let mut noise: Vec<f64> = (0..values).map(deviation).collect();
-        let floor = floor_of(&noise, &mean);
-        noise.iter_mut().for_each(|noise| *noise = noise.max(floor));
+        let known: Vec<f64> = noise.iter().copied().filter(|noise| noise.is_finite()).collect();
+        if known.is_empty() {
+            return Err(SkinError::input("no value of the untouched skin is finite in all frames"));
+        }
+        let floor = floor_of(&known, &mean);
+        // a channel that was missing has no reference: it never counts
+        noise.iter_mut().for_each(|noise| {
+            *noise = if noise.is_finite() { noise.max(floor) } else { f64::INFINITY };
+        });
         let frames = window.max(4);
         let window = VecDeque::with_capacity(frames);
         Ok(Self { reference: mean, noise, window, frames, held: None, settling: 0 })
@@ -91,8 +98,10 @@ impl PressWatch {
             return PressState::Unsteady;
         }
         let values = frame.iter().zip(&self.reference);
-        let change: Vec<f64> =
-            values.map(|(value, r)| if value.is_finite() { value - r } else { 0.0 }).collect();
+        let change: Vec<f64> = values
+            .map(|(value, reference)| value - reference)
+            .map(|change| if change.is_finite() { change } else { 0.0 })
+            .collect();
         let size = self.size(&change);
         if self.window.len() == self.frames {
             self.window.pop_front();
@@ -234,6 +243,17 @@ mod tests {
         let mut watch = PressWatch::new(&vec![vec![1.0; 6]; 10], 4).unwrap();
         assert_eq!(watch.push(&[1.0; 6]), PressState::Untouched);
         assert_eq!(watch.push(&[f64::NAN; 6]), PressState::Untouched);
+        // a channel that is missing at the start never counts; without any other there is nothing to watch
+        let frame = |first: f64| vec![first, 1.0, 1.0];
+        let mut partly =
+            PressWatch::new(&[frame(f64::NAN), frame(1.0), frame(1.0), frame(1.0)], 4).unwrap();
+        assert_eq!(partly.push(&frame(9.0)), PressState::Untouched);
+        let held = (0..5).map(|_| partly.push(&[1.0, 1.1, 1.1])).find_map(|state| match state {
+            PressState::Held(change) => Some(change),
+            _ => None,
+        });
+        assert!(held.unwrap().iter().all(|change| change.is_finite()));
+        assert!(PressWatch::new(&vec![vec![f64::NAN]; 6], 4).is_err());
         let states: Vec<_> = (0..5).map(|_| watch.push(&[1.1; 6])).collect();
         assert!(states.iter().any(|state| matches!(state, PressState::Held(_))), "{states:?}");
     }

@@ -12,6 +12,8 @@ use eit_hw::driver::{Heard, listen};
 use eit_skin::first_scene::{FirstScene, FittingProtocol, fitting_protocols};
 use std::time::Duration;
 
+/// How long a board is listened to that prints text and no two frames in the first seconds.
+const SLOW: Duration = Duration::from_secs(15);
 /// More of this in the bytes is no text.
 const BINARY: f64 = 0.1;
 
@@ -28,10 +30,15 @@ pub(super) fn find(
     let mut progress = progress::terminal();
     let heard =
         progress.stage("listen", || listen(&endpoint, Duration::from_secs_f64(args.listen_s)));
-    let heard = heard?;
+    let mut heard = heard?;
+    if heard.frame_lines < 2 && heard.bytes > 0 && heard.binary_share <= BINARY {
+        // a line may take a second and more
+        questions.say(&format!("a slow board: listening for {} s more", SLOW.as_secs()));
+        heard = progress.stage("listen", || listen(&endpoint, SLOW))?;
+    }
     let mut rivals = Vec::new();
     if heard.frame_lines >= 2 {
-        rivals = text_board(&heard, first, &mut found)?;
+        rivals = progress.stage("patterns that fit", || text_board(&heard, first, &mut found))?;
     } else {
         other_board(port, &heard, first, &mut found)?;
     }
@@ -153,10 +160,14 @@ fn other_board(
                     "{bytes} bytes came, {:.0} % of them no text (a binary protocol, or another --baud)",
                     100.0 * heard.binary_share
                 ),
-                (bytes, false) => format!(
-                    "{bytes} bytes of text came, no two lines of 4 or more numbers; such as \"{}\"",
-                    heard.other_line.as_deref().unwrap_or_default()
-                ),
+                (bytes, false) => {
+                    let line = heard.other_line.as_ref();
+                    let example =
+                        line.map_or(String::new(), |line| format!("; such as \"{line}\""));
+                    format!(
+                        "{bytes} bytes of text came, no two lines of 4 or more numbers{example}"
+                    )
+                }
             };
             Err(CliError::Silent(format!(
                 "{port}: {what}; asked by EITS-1: {error}. A board of another kind is named in the scene: \

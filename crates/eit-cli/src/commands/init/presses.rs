@@ -14,12 +14,12 @@ use eit_skin::scene::{Direction, TouchSign};
 use std::time::{Duration, Instant};
 
 /// Frames of the untouched skin, at least and over this time.
-const UNTOUCHED_FRAMES: usize = 20;
+const UNTOUCHED_FRAMES: usize = 8;
 const UNTOUCHED_S: f64 = 2.0;
 /// How long a press must be held, seconds.
 const HOLD_S: f64 = 0.5;
-/// Longest wait for the first frames.
-const FRAMES_WAIT: Duration = Duration::from_secs(20);
+/// Longest wait for those frames: a slow board takes two seconds for one.
+const FRAMES_WAIT: Duration = Duration::from_secs(30);
 
 /// Which electrode is the first, from two presses.
 pub(super) fn find(
@@ -33,8 +33,7 @@ pub(super) fn find(
     let instrument = scene.instrument()?;
     let mut session = connect::open(&instrument, args.port.as_deref(), Overflow::Fail)?;
     questions.say("taking the untouched skin: touch nothing");
-    let untouched = untouched(&mut session)?;
-    let rate_hz = untouched.len() as f64 / UNTOUCHED_S;
+    let (untouched, rate_hz) = untouched(&mut session)?;
     let window = ((HOLD_S * rate_hz) as usize).clamp(4, 1000);
     let mut watch = PressWatch::new(&untouched, window)?;
     let reference = watch.reference().to_vec();
@@ -108,8 +107,8 @@ pub(super) fn find(
     Ok(())
 }
 
-/// Frames of the untouched skin.
-fn untouched(session: &mut Session) -> Result<Vec<Vec<f64>>, CliError> {
+/// Frames of the untouched skin, and their rate in hertz.
+fn untouched(session: &mut Session) -> Result<(Vec<Vec<f64>>, f64), CliError> {
     let (start, mut frames, mut first) = (Instant::now(), Vec::new(), None::<Instant>);
     while first.is_none_or(|first| {
         frames.len() < UNTOUCHED_FRAMES || first.elapsed().as_secs_f64() < UNTOUCHED_S
@@ -127,7 +126,9 @@ fn untouched(session: &mut Session) -> Result<Vec<Vec<f64>>, CliError> {
             frames.push(frame);
         }
     }
-    Ok(frames)
+    let elapsed_s = first.map_or(UNTOUCHED_S, |first| first.elapsed().as_secs_f64());
+    let rate_hz = frames.len() as f64 / elapsed_s.max(UNTOUCHED_S);
+    Ok((frames, rate_hz))
 }
 
 /// The change of the next press that is held; `None` where none came in time.
