@@ -3,6 +3,7 @@
 //!
 //! Frames are the model's own with gains of electrodes that it does not know: what is tested is what becomes of
 //! presses, not how well a fabric is modelled (`learn.rs`, on the simulated fabric, and `docs/VALIDATION.md`).
+//! Long because all cases press the same skin by the same few functions.
 #![cfg(feature = "learn")]
 #![allow(
     clippy::unwrap_used,
