@@ -1,8 +1,7 @@
-//! Data consistency: does the image that a net made explain the measurements it came from?
+//! Data consistency: whether an image explains the measurements behind it.
 //!
-//! A net draws what it has learnt, also from images that look like nothing it has seen. The
-//! linearised model knows better: pushed through it, a right image gives most of the measured
-//! differences back, an invented one does not. One product of `measurements x pixels` per frame,
+//! A net reproduces what it has learnt, even from images unlike any it has seen. The linearised model can
+//! tell: it maps a correct image to most of the measured differences, and an invented one not. One product of `measurements x pixels` per frame,
 //! 0.7 million multiplications for 208 and 3 200, in `f32`.
 
 use crate::DenoiseError;
@@ -82,8 +81,29 @@ impl DataConsistency {
         Ok(Self { rows, root_weights, mask: mask.to_owned(), pixels: vec![0.0; inside] })
     }
 
-    /// What an image [row, column] explains of a frame's differences from its reference; a value
-    /// that is not finite is a measurement that is missing. Allocates nothing.
+    /// Energy of a frame's differences in units of the noise, as of an empty image; a value that is not
+    /// finite is a missing measurement. Does not allocate.
+    ///
+    /// # Errors
+    /// [`DenoiseError::WrongLength`].
+    pub fn energy(&self, differences: &[f64]) -> Result<DataMisfit, DenoiseError> {
+        let (found, wanted) = (differences.len(), self.root_weights.len());
+        if found != wanted {
+            return Err(DenoiseError::WrongLength { what: "differences", found, wanted });
+        }
+        let mut energy = DataMisfit { data: 0.0, residual: 0.0, measurements: 0 };
+        for (weight, difference) in self.root_weights.iter().zip(differences) {
+            if *weight != 0.0 && difference.is_finite() {
+                energy.data += (weight * difference).powi(2);
+                energy.measurements += 1;
+            }
+        }
+        energy.residual = energy.data;
+        Ok(energy)
+    }
+
+    /// Energies of a frame's differences and of what an image [row, column] leaves of them; a value
+    /// that is not finite is a missing measurement. Does not allocate.
     ///
     /// # Errors
     /// [`DenoiseError::ShapeMismatch`], [`DenoiseError::WrongLength`];
@@ -93,6 +113,42 @@ impl DataConsistency {
         image: ArrayView2<'_, f64>,
         differences: &[f64],
     ) -> Result<DataMisfit, DenoiseError> {
+        let mut misfit = DataMisfit { data: 0.0, residual: 0.0, measurements: 0 };
+        self.each_left(image, differences, |_, weight, difference, left| {
+            misfit.data += (weight * difference).powi(2);
+            misfit.residual += left * left;
+            misfit.measurements += 1;
+        })?;
+        Ok(misfit)
+    }
+
+    /// Writes what an image [row, column] leaves of a frame's differences, in their unit; NaN for a
+    /// measurement that is missing or not used. Does not allocate.
+    ///
+    /// # Errors
+    /// Those of [`DataConsistency::misfit`].
+    pub fn left_into(
+        &mut self,
+        image: ArrayView2<'_, f64>,
+        differences: &[f64],
+        out: &mut [f64],
+    ) -> Result<(), DenoiseError> {
+        let (found, wanted) = (out.len(), self.root_weights.len());
+        if found != wanted {
+            return Err(DenoiseError::WrongLength { what: "residuals", found, wanted });
+        }
+        out.fill(f64::NAN);
+        self.each_left(image, differences, |i, weight, _, left| out[i] = left / weight)
+    }
+
+    /// Passes each present measurement to `take`: index, root of the weight, difference, and weighted
+    /// residual.
+    fn each_left(
+        &mut self,
+        image: ArrayView2<'_, f64>,
+        differences: &[f64],
+        mut take: impl FnMut(usize, f64, f64, f64),
+    ) -> Result<(), DenoiseError> {
         if image.dim() != self.mask.dim() {
             let (images, mask) = (image.dim(), self.mask.dim());
             let (images, mask) = ([images.0, images.1], [mask.0, mask.1]);
@@ -106,7 +162,7 @@ impl DataConsistency {
         if let Some(((row, column), &value)) = bad {
             return Err(DenoiseError::NonFinitePixel { frame: 0, row, column, value });
         }
-        // f32 has the range of images in siemens only after scaling
+        // images in siemens need scaling to fit the range of f32
         let inside =
             || image.iter().zip(&self.mask).filter(|(_, inside)| **inside).map(|(v, _)| *v);
         let scale = inside().fold(0.0_f64, |most, v| v.abs().max(most));
@@ -114,19 +170,15 @@ impl DataConsistency {
         for (pixel, value) in self.pixels.iter_mut().zip(inside()) {
             *pixel = (value / scale) as f32;
         }
-        let mut misfit = DataMisfit { data: 0.0, residual: 0.0, measurements: 0 };
         let rows = self.rows.chunks_exact(self.pixels.len());
-        for ((row, weight), difference) in rows.zip(&self.root_weights).zip(differences) {
-            if *weight == 0.0 || !difference.is_finite() {
-                continue;
+        let measurements = rows.zip(&self.root_weights).zip(differences).enumerate();
+        for (i, ((row, &weight), &difference)) in measurements {
+            if weight != 0.0 && difference.is_finite() {
+                let left = weight * difference - scale * f64::from(dot(row, &self.pixels));
+                take(i, weight, difference, left);
             }
-            let datum = weight * difference;
-            let residual = datum - scale * f64::from(dot(row, &self.pixels));
-            misfit.data += datum * datum;
-            misfit.residual += residual * residual;
-            misfit.measurements += 1;
         }
-        Ok(misfit)
+        Ok(())
     }
 }
 

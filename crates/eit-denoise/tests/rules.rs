@@ -67,7 +67,7 @@ fn the_rule_refuses_what_it_cannot_judge() {
     let error = ready.apply(&ImageStack::new(frames, mask.clone()).unwrap()).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "frame 1: the image is 1 all over the skin: a reconstruction does not look like this"
+        "frame 1: the image is 1 everywhere on the skin, which no reconstruction gives"
     );
 }
 

@@ -160,6 +160,14 @@ impl LinearisedSkin {
         Ok(rows)
     }
 
+    /// Whether images are made of a measurement, `[measurement]`: all, but those on current-carrying
+    /// electrodes where the settings leave them out.
+    pub fn imaging_measurements(&self) -> Vec<bool> {
+        let driven = crate::frames::on_driven_electrodes(&self.skin.protocol);
+        let use_driven = self.skin.settings.reconstruction.use_driven_electrodes;
+        driven.into_iter().map(|driven| use_driven || !driven).collect()
+    }
+
     /// The Jacobian of differences on pixels, `[measurement, masked pixel]`: `J` of elements times the
     /// elements of a pixel image.
     ///

@@ -1,5 +1,6 @@
 //! One file per command. A command returns what it found, as text and as JSON.
 
+pub(crate) mod base;
 pub(crate) mod calibrate;
 pub(crate) mod check;
 pub(crate) mod convert;

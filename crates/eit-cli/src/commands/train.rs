@@ -9,7 +9,7 @@ use eit_report::curve;
 use eit_report::output::OutFile;
 use eit_skin::denoise::Scores;
 use eit_skin::scene::Scene;
-use eit_skin::train::{self, BaseRequest, MadeBy, Sequences, Training, Worth};
+use eit_skin::train::{self, MadeBy, Sequences, Training, Worth};
 use eit_skin::{MeshOverride, Skin};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -22,28 +22,20 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
     let (shape, settings) = settings(args)?;
     let open = args.device.open();
     let device = open.map_err(|e| CliError::input(format!("--device {}: {e}", args.device)))?;
-    let request = BaseRequest {
-        method: args.method.clone(),
-        frames: args.frames,
-        fingers: args.fingers,
-        recording: args.recording.clone(),
-        sequences: args.sequences,
-        seed: args.seed,
-    };
-    request.validate()?;
+    let request = super::base::request(&args.pairs)?;
     let out = OutFile::new(&args.out)?;
-    let threads = match args.threads {
-        Some(0) => return Err(CliError::input("--threads 0: at least 1")),
-        Some(threads) => threads,
-        None => std::thread::available_parallelism().map_or(1, usize::from),
-    };
+    let threads = super::base::threads(&args.pairs)?;
     let mut progress = progress::terminal();
     let skin = Skin::set_up(&scene, &MeshOverride::default(), &mut progress)?;
     let sequences = Sequences::new(&skin, &request, &mut progress)?;
     let folder = args.base.clone().unwrap_or_else(|| args.out.with_extension("base"));
     let stop = interrupt::listen()?;
-    let base = train::base(&request, &sequences, &folder, threads, &stop, &mut progress)?;
-    let (learnt, held_out) = progress.stage("read the base", || train::shards(&base))?;
+    let base = train::base(&request, &sequences, &folder, None, threads, &stop, &mut progress)?;
+    let (mut learnt, mut held_out) = progress.stage("read the base", || train::shards(&base))?;
+    progress.stage("inputs of the net", || {
+        sequences.complete(&mut learnt, shape, threads)?;
+        sequences.complete(&mut held_out, shape, threads)
+    })?;
     let name = base.checksum()?;
     let training = Training {
         settings: &settings,
@@ -52,19 +44,19 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         threads,
         stop: &stop,
     };
-    let net = UnetConfig::from(shape).with_seed(args.seed).init(&device)?;
-    let trainer = train::learn(net, &training, &sequences, learnt, &held_out, &mut progress)?;
+    let net = UnetConfig::from(shape).with_seed(args.pairs.seed).init(&device)?;
+    let trainer = train::learn(net, &training, &sequences, &learnt, &held_out, &mut progress)?;
     let bare = trainer.weights(&skin.fingerprint, base.settings().pixels, &BTreeMap::new())?;
     let worth = progress.stage("compare", || {
         let scores = train::held_out_scores(&bare, &held_out)?;
-        let misfit_limit = train::misfit_limit(&bare, &held_out, &sequences)?;
-        Ok::<_, CliError>(Worth { scores, misfit_limit })
+        let model_error = train::model_error(&bare, &learnt, &held_out, &sequences)?;
+        Ok::<_, CliError>(Worth { scores, model_error })
     })?;
     let program = format!("eit {}", env!("CARGO_PKG_VERSION"));
     let made_by = MadeBy { program: &program, commit: env!("EIT_COMMIT") };
     let weights = train::weights(&skin, &base, &trainer, &worth, &made_by)?;
-    let Worth { scores, misfit_limit: limit } = worth;
-    curve::write(trainer.curve(), footnote(shape, args.seed), &args.out)?;
+    let Worth { scores, model_error } = worth;
+    curve::write(trainer.curve(), footnote(shape, args.pairs.seed), &args.out)?;
     refuse_worse(&scores, args)?;
     let bytes = weights.to_bytes()?;
     out.write(|w| w.write_all(&bytes).map_err(eit_report::output::io))?;
@@ -81,7 +73,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
         "status": status_words(trainer.status()),
         "held_out_error": trainer.best().map(|e| e.held_out_error),
         "held_out": scores.json(),
-        "misfit_limit": limit,
+        "misfit_limit": model_error.as_ref().map(|error| error.limit),
         "bytes": bytes.len(),
         "stages": progress.times(),
         "out": args.out.display().to_string(),
@@ -91,7 +83,7 @@ pub(crate) fn run(args: &TrainArgs) -> Result<Answer, CliError> {
          held-out sequences: {}\nwritten to {} ({} kB), learning curve beside it\nnext: \
          [denoise] weights = \"{}\" in the scene, or eit denoise {} --weights {} --images F.npy --out DIR",
         base.frames(),
-        args.sequences,
+        args.pairs.sequences,
         folder.display(),
         shape.parameters(),
         trainer.curve().len(),
@@ -124,16 +116,20 @@ fn refuse_worse(scores: &Scores, args: &TrainArgs) -> Result<(), CliError> {
 }
 
 fn footnote(shape: UnetShape, seed: u64) -> String {
-    let UnetShape { history, width, depth } = shape;
+    let UnetShape { history, width, depth, images, fold, .. } = shape;
     format!(
-        "U-net of {} weights (width {width}, depth {depth}, {history} frames), seed {seed}",
+        "U-net of {} weights (width {width}, depth {depth}, fold {fold}, {history} frames of {images} \
+         images), seed {seed}",
         shape.parameters()
     )
 }
 
 fn settings(args: &TrainArgs) -> Result<(UnetShape, TrainSettings), CliError> {
-    let shape = UnetShape { history: args.history, width: args.width, depth: args.depth };
-    let TrainArgs { seed, epochs, batch, rate, patience, .. } = *args;
+    let TrainArgs { history, width, depth, images, fold, .. } = *args;
+    let conditions = usize::from(images > 1);
+    let shape = UnetShape { history, width, depth, images, conditions, fold };
+    let TrainArgs { epochs, batch, rate, patience, .. } = *args;
+    let seed = args.pairs.seed;
     let settings = TrainSettings { seed, epochs, batch, rate, patience };
     let valid = shape.validate().and_then(|()| settings.validate());
     valid.map_err(|e| CliError::input(format!("--{e}")))?;

@@ -15,7 +15,7 @@ use eit_skin::denoise::{Chain, Lengths, Net};
 use eit_skin::scene::DenoiseSettings;
 use eit_skin::{MeshOverride, Progress, Scene, Skin};
 use held_out::QUIET_FRAMES;
-use scores::{Evaluation, VariantScores};
+use scores::{Evaluation, Raw, VariantScores};
 use variants::{ImageVariant, ImagedSequence, variants};
 
 /// Simulates every case, reconstructs, denoises with each net, compares.
@@ -34,7 +34,7 @@ pub(super) fn run(
     let chain = Chain::new(skin, settings.method.as_deref(), lengths, progress)?;
     let linearised = &chain.linearised;
     let raster = linearised.raster(progress)?;
-    let sequences = held_out::sequences(&linearised.skin, settings.quick, progress)?;
+    let sequences = held_out::sequences(&linearised.skin, settings.quick, settings.seed, progress)?;
     let imaged = progress.steps("images", sequences.len(), |bar| {
         let mut imaged = Vec::new();
         for sequence in sequences {
@@ -51,7 +51,7 @@ pub(super) fn run(
         for variant in &imaged.variants {
             let scores = evaluation.scores(&imaged.sequence, variant)?;
             // the first variant is the raw image
-            let raw: &Vec<f64> = raw.get_or_insert_with(|| scores.over_raw.clone());
+            let raw: &Raw = raw.get_or_insert_with(|| scores.as_raw());
             scored.push(Scored { imaged, variant, scores: scores.relative_to(raw) });
         }
     }
@@ -83,7 +83,10 @@ fn touched_table(scored: &[Scored<'_>], chain: &Chain) -> Table {
              fabrics are none of a training's. Medians over the frames in which a finger presses with \
              at least {} N; mean squared error (MSE) against the true change of conductivity, as a \
              part of the raw image's; peak signal to noise ratio (PSNR) over the largest true change \
-             of the sequence; structural similarity (SSIM) and correlation with the truth. A touch is \
+             of the sequence; structural similarity (SSIM) and correlation with the truth; relative error: norm \
+             of the error over that of the truth (an empty image has 1). Lost: touches that the raw image \
+             shows and this one does not; only here: blobs that are no finger's in frames in which the \
+             raw image has none of those. A touch is \
              found where a blob of at least half of the image's largest value and {} of the way's \
              usual maximum lies within {} mm; invented is a blob that is no finger's. \"rule\": the \
              paper's threshold rule. \"checked\": images that do not explain their measurements are \
@@ -103,12 +106,16 @@ fn touched_table(scored: &[Scored<'_>], chain: &Chain) -> Table {
             "frames",
             "MSE / raw",
             "MSE / raw, 90 %",
+            "relative error",
+            "worse than raw",
             "PSNR, dB",
             "SSIM",
             "correlation",
             "found",
             "invented a frame",
             "position, mm",
+            "lost",
+            "only here",
             "put aside",
         ],
         rows: touched.map(row).collect(),

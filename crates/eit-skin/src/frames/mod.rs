@@ -326,7 +326,7 @@ fn joined(mut parts: Vec<MeasuredFrames>) -> Result<MeasuredFrames, SkinError> {
 
 /// Whether a measurement touches an electrode that carries current, where two electrodes do.
 /// Patterns that drive many electrodes at once have no other measurements.
-fn on_driven_electrodes(protocol: &Protocol) -> Vec<bool> {
+pub(crate) fn on_driven_electrodes(protocol: &Protocol) -> Vec<bool> {
     let (stimulations, senses) = (protocol.stimulations_a(), protocol.measurement_patterns());
     let touches = |&[s, m]: &[u32; 2]| {
         let drive = stimulations.row(s as usize);

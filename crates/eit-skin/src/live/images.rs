@@ -2,7 +2,7 @@
 
 use super::LiveModel;
 use super::one_step::LiveOneStep;
-use crate::denoise::LiveNet;
+use crate::denoise::{LiveNet, Verdict};
 use crate::error::SkinError;
 use crate::fitted::FittedFrames;
 use crate::movement;
@@ -50,6 +50,8 @@ pub struct ImageState {
     pub iterations: usize,
     /// The net's image does not explain the measurements: the raw one is shown.
     pub is_aside: bool,
+    /// The raw image that is shown in its place does not explain the measurements either.
+    pub is_unexplained: bool,
     /// The frame could not be explained within `delta`, and its neighbours stand for it.
     pub is_interpolated: bool,
     /// The frame has bad values, and electrodes that move leave no image without them.
@@ -168,8 +170,9 @@ impl LiveImages {
             }
         }
         if let Some(net) = &mut self.net {
-            let is_made = net.push(&self.raster, &self.raw, &self.differences, &mut self.made)?;
-            self.state.is_aside = !is_made;
+            let verdict = net.push(&self.raster, &self.raw, &self.differences, &mut self.made)?;
+            self.state.is_aside = verdict != Verdict::Net;
+            self.state.is_unexplained = verdict == Verdict::Neither;
         }
         Ok(())
     }

@@ -25,6 +25,8 @@ pub struct Summary {
     pub images: String,
     /// Images that did not explain their measurements, so that the raw one was shown.
     pub aside: u64,
+    /// Those of them whose raw image does not explain the measurements either.
+    pub unexplained: u64,
     /// Frames that no image explains within `delta`.
     pub interpolated: u64,
     /// Frames with bad values, which electrodes that move leave without an image.
@@ -88,6 +90,7 @@ impl Summary {
             "how": self.images,
             "worst_gap": self.worst_gap,
             "put_aside": self.aside,
+            "unexplained": self.unexplained,
             "beyond_delta": self.interpolated,
             "lost": self.lost,
         })
@@ -99,6 +102,7 @@ impl Summary {
         self.touches += of(TouchState::Begin) as u64;
         self.most_at_once = self.most_at_once.max(touches.len() - of(TouchState::End));
         self.aside += u64::from(state.is_aside);
+        self.unexplained += u64::from(state.is_unexplained);
         self.interpolated += u64::from(state.is_interpolated);
         self.lost += u64::from(state.is_lost);
         if let Some(gap) = state.gap {

@@ -7,7 +7,8 @@ use crate::progress::Progress;
 use crate::skin::Skin;
 use crate::stop::StopFlag;
 use eit_denoise::{
-    Examples, ImageNet, LearningBase, Shard, TrainSettings, TrainStatus, Trainer, Unet, Weights,
+    Examples, ImageNet, LearningBase, ModelError, Shard, TrainSettings, TrainStatus, Trainer, Unet,
+    Weights,
 };
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -38,15 +39,13 @@ pub fn learn<N: ImageNet>(
     net: N,
     training: &Training<'_>,
     sequences: &Sequences,
-    shards: Vec<Shard>,
+    shards: &[Shard],
     held_out: &[Shard],
     progress: &mut Progress,
 ) -> Result<Trainer<N>, SkinError> {
     let Training { settings, base, checkpoint, threads, stop } = *training;
     let history = net.history();
-    let train = Examples::new(&shards, history)?.augmented(&sequences.turns())?;
-    // hundreds of megabytes that are not looked at again
-    drop(shards);
+    let train = Examples::new(shards, history)?.augmented(&sequences.turns())?;
     let held_out = Examples::new(held_out, history)?;
     let mut trainer = match checkpoint.exists() {
         true => Trainer::resume(checkpoint, net, settings, base)?,
@@ -79,12 +78,12 @@ pub fn learn<N: ImageNet>(
 }
 
 /// What a trained net is worth on sequences that it did not learn from.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Worth {
     /// Error beside that of the raw images.
     pub scores: Scores,
-    /// Part of the data's energy that known images leave unexplained.
-    pub misfit_limit: Option<f64>,
+    /// Model error of the data, and the limit that the net's images keep.
+    pub model_error: Option<ModelError>,
 }
 
 /// Which program wrote a file of weights.
@@ -104,7 +103,7 @@ pub fn weights(
     worth: &Worth,
     made_by: &MadeBy<'_>,
 ) -> Result<Weights, SkinError> {
-    let Worth { scores, misfit_limit: limit } = worth;
+    let Worth { scores, model_error } = worth;
     let settings = trainer.settings();
     let best = trainer.best();
     let entries = [
@@ -124,8 +123,8 @@ pub fn weights(
         ("program", made_by.program.to_owned()),
         ("commit", made_by.commit.to_owned()),
     ];
-    let limit = limit.map(|limit| ("misfit_limit", limit.to_string()));
     let about: BTreeMap<String, String> =
-        entries.into_iter().chain(limit).map(|(key, value)| (key.to_owned(), value)).collect();
-    Ok(trainer.weights(&skin.fingerprint, base.settings().pixels, &about)?)
+        entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+    let weights = trainer.weights(&skin.fingerprint, base.settings().pixels, &about)?;
+    Ok(Weights { model_error: model_error.clone(), ..weights })
 }

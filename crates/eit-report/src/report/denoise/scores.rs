@@ -34,15 +34,30 @@ pub(super) struct Evaluation<'a> {
 pub(super) struct VariantScores {
     /// Mean squared error; over the raw image's after [`VariantScores::relative_to`].
     pub over_raw: Vec<f64>,
+    /// Norm of the error over the truth's.
+    relative: Vec<f64>,
     psnr_db: Vec<f64>,
     similarity: Vec<f64>,
     correlation: Vec<f64>,
     errors_m: Vec<f64>,
     fingers: usize,
     invented: usize,
+    /// Fingers of each frame that were found, and blobs that are no finger's.
+    found: Vec<(Vec<bool>, usize)>,
+    /// Fingers that the raw images show and these do not; blobs that only these invent, in frames in
+    /// which the raw image invents none.
+    against_raw: Option<[usize; 2]>,
+    /// Part of the frames whose error is larger than the raw image's.
+    worse: f64,
     /// Frames without a finger, after the quiet ones, and their blobs.
     idle: usize,
     idle_blobs: usize,
+}
+
+/// Errors and touches of the raw images of a sequence.
+pub(super) struct Raw {
+    errors: Vec<f64>,
+    found: Vec<(Vec<bool>, usize)>,
 }
 
 /// What touches in a frame.
@@ -114,6 +129,8 @@ impl<'a> Evaluation<'a> {
                     scores.fingers += places.len();
                     scores.invented += found.extra;
                     scores.errors_m.extend(found.errors_m.iter().flatten());
+                    let each = found.errors_m.iter().map(Option::is_some).collect();
+                    scores.found.push((each, found.extra));
                     if let Some(truth) = truth {
                         scores.compare(
                             image,
@@ -174,6 +191,8 @@ impl VariantScores {
         let (x, t) = (inside(image), inside(truth));
         let error = x.iter().zip(&t).map(|(x, t)| (x - t).powi(2)).sum::<f64>() / x.len() as f64;
         self.over_raw.push(error);
+        let of_truth = t.iter().map(|t| t * t).sum::<f64>() / t.len() as f64;
+        self.relative.push((error / of_truth).sqrt());
         self.psnr_db.push(10.0 * (most * most / error).log10());
         let equal = vec![1.0; x.len()];
         self.correlation.push(correlation_coefficient(&x, &t, &equal)?);
@@ -182,12 +201,25 @@ impl VariantScores {
         Ok(())
     }
 
-    /// Errors as parts of the raw images'.
-    pub fn relative_to(mut self, raw: &[f64]) -> Self {
-        for (error, raw) in self.over_raw.iter_mut().zip(raw) {
+    /// Errors as parts of the raw images', and touches against theirs.
+    pub fn relative_to(mut self, raw: &Raw) -> Self {
+        for (error, raw) in self.over_raw.iter_mut().zip(&raw.errors) {
             *error /= raw;
         }
+        let worse = self.over_raw.iter().filter(|ratio| **ratio > 1.0).count();
+        self.worse = worse as f64 / self.over_raw.len() as f64;
+        let mut against = [0, 0];
+        for ((own, extra), (raw, raw_extra)) in self.found.iter().zip(&raw.found) {
+            against[0] += raw.iter().zip(own).filter(|(raw, own)| **raw && !**own).count();
+            against[1] += if *raw_extra == 0 { *extra } else { 0 };
+        }
+        self.against_raw = Some(against);
         self
+    }
+
+    /// What others are compared with.
+    pub fn as_raw(&self) -> Raw {
+        Raw { errors: self.over_raw.clone(), found: self.found.clone() }
     }
 
     /// A row of the table of touched frames.
@@ -199,12 +231,16 @@ impl VariantScores {
             Cell::Number(frames, 0),
             Cell::Number(quantile(&self.over_raw, 0.5), 3),
             Cell::Number(quantile(&self.over_raw, 0.9), 3),
+            Cell::Number(quantile(&self.relative, 0.5), 3),
+            Cell::Number(self.worse, 3),
             Cell::Number(quantile(&self.psnr_db, 0.5), 1),
             Cell::Number(quantile(&self.similarity, 0.5), 3),
             Cell::Number(quantile(&self.correlation, 0.5), 3),
             Cell::Number(self.errors_m.len() as f64 / self.fingers as f64, 3),
             Cell::Number(self.invented as f64 / frames, 3),
             Cell::Number(1e3 * quantile(&self.errors_m, 0.5), 2),
+            Cell::Number(self.against_raw.map_or(f64::NAN, |[lost, _]| lost as f64), 0),
+            Cell::Number(self.against_raw.map_or(f64::NAN, |[_, more]| more as f64), 0),
             Cell::Number(variant.put_aside.unwrap_or(f64::NAN), 3),
         ]
     }

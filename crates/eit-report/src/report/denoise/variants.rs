@@ -40,14 +40,14 @@ pub(super) fn variants(
     let plain =
         |name: &str, images| ImageVariant { name: name.to_owned(), images, put_aside: None };
     let mut variants = vec![plain("raw", raw.clone()), plain("rule", kept)];
-    let mut check = Check::new(&made.fitted)?;
+    let check = Check::new(&made.fitted);
     for NamedNet { name, net } in nets {
         let mut silent = Progress::silent();
         let mut images = raw.clone();
-        net.apply(&mut images, raster, None, &mut silent)?;
+        net.apply_unchecked(&mut images, raster, &check, &mut silent)?;
         variants.push(plain(name, images));
         let mut images = raw.clone();
-        if let Some(checked) = net.apply(&mut images, raster, Some(&mut check), &mut silent)? {
+        if let Some(checked) = net.apply(&mut images, raster, Some(&check), &mut silent)? {
             // quiet frames at the start count for nothing
             let aside = checked.put_aside().iter().filter(|f| **f >= QUIET_FRAMES).count();
             let put_aside = Some(aside as f64 / (raw.dim().0 - QUIET_FRAMES) as f64);
