@@ -4,14 +4,14 @@
 mod common;
 
 #[cfg(feature = "train")]
-use common::{SMALL, fail, write_scene};
-use common::{refuse, succeed, text};
+use common::fail;
+use common::{SMALL, refuse, succeed, text, write_scene};
 use ndarray::{Array2, Array3, Axis};
 use std::path::Path;
 
 /// Few enough for a test; such a net may well be worse than the raw images.
 #[cfg(feature = "train")]
-const FEW: [&str; 15] = [
+const FEW: [&str; 19] = [
     "--force",
     "--method",
     "gauss-newton",
@@ -27,9 +27,12 @@ const FEW: [&str; 15] = [
     "2",
     "--threads",
     "2",
+    "--images",
+    "1",
+    "--fold",
+    "1",
 ];
 
-#[cfg(feature = "train")]
 fn scene(folder: &Path) -> std::path::PathBuf {
     write_scene(folder, &format!("{SMALL}\n[reconstruction]\npixels = 24\n"))
 }
@@ -162,6 +165,85 @@ fn refusals(folder: &Path, weights: &Path, images: &Path) {
         assert!(found.contains("--device cuda: this program was built without"), "{found}");
     }
     assert!(!out.join("images.npy").exists());
+}
+
+/// A net that sees measurements runs where they are, and is refused where there are images alone.
+#[cfg(feature = "train")]
+#[test]
+fn a_net_that_sees_measurements_is_trained_and_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let weights = folder.path().join("w.safetensors");
+    let mut arguments = vec!["train", text(&scene), "--out", text(&weights), "--seed", "3"];
+    arguments.extend(&FEW[..15]);
+    succeed(&arguments);
+    let net = eit_denoise::Weights::from_bytes(&std::fs::read(&weights).unwrap()).unwrap();
+    assert_eq!((net.shape.images, net.shape.conditions, net.shape.fold), (3, 1, 2));
+    let touched = folder.path().join("touched");
+    let few = ["--frames", "40", "--nodes", "900", "--out"];
+    succeed(&[&["simulate", text(&scene)], &few[..], &[text(&touched)]].concat());
+    let made = touched.join("scene.toml");
+    let with_net = std::fs::read_to_string(&made).unwrap()
+        + &format!("\n[denoise]\nweights = '{}'\n", weights.display());
+    std::fs::write(&made, with_net).unwrap();
+    let out = folder.path().join("out");
+    succeed(&["reconstruct", text(&made), "--method", "gauss-newton", "--out", text(&out)]);
+    let read = |name: &str| std::fs::read(out.join(name)).unwrap();
+    assert_ne!(read("images.npy"), read("raw.npy"));
+    let images = out.join("raw.npy");
+    let denoised = folder.path().join("denoised");
+    let answer = refuse(&[
+        "denoise",
+        text(&scene),
+        "--images",
+        text(&images),
+        "--weights",
+        text(&weights),
+        "--out",
+        text(&denoised),
+    ]);
+    assert!(answer.contains("this net sees the measurements too"), "{answer}");
+}
+
+/// Two processes at the same time make the halves of a learning base in one folder: the bytes are those
+/// of one process.
+#[test]
+fn two_processes_make_one_base() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let base = |out: &Path| {
+        let few = ["--method", "gauss-newton", "--sequences", "4", "--frames", "30"];
+        let mut arguments: Vec<String> = few.map(str::to_owned).to_vec();
+        arguments.extend(["--threads", "1", "--out", text(out)].map(str::to_owned));
+        let mut all = vec!["base".to_owned(), text(&scene).to_owned()];
+        all.append(&mut arguments);
+        all
+    };
+    let [shared, alone] = ["shared", "alone"].map(|name| folder.path().join(name));
+    let part = |part: &'static str| {
+        let mut arguments = base(&shared);
+        arguments.extend(["--shard".to_owned(), part.to_owned()]);
+        std::thread::spawn(move || {
+            succeed(&arguments.iter().map(String::as_str).collect::<Vec<_>>())
+        })
+    };
+    let running = [part("1/2"), part("2/2")];
+    running.into_iter().for_each(|thread| assert!(thread.join().unwrap().contains("is complete")));
+    assert!(shared.join("manifest.1-of-2.json").exists() && !shared.join("manifest.json").exists());
+    for out in [&shared, &alone] {
+        let arguments = base(out);
+        succeed(&arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    }
+    let mut names: Vec<String> =
+        (0..4).map(|index| format!("shard-{index:05}.safetensors")).collect();
+    names.push("manifest.json".to_owned());
+    for name in names {
+        let read = |folder: &Path| std::fs::read(folder.join(&name)).unwrap();
+        assert_eq!(read(&shared), read(&alone), "{name}");
+    }
+    let out = text(&shared);
+    let found = refuse(&["base", text(&scene), "--out", out, "--shard", "3/2"]);
+    assert!(found.contains("the number of a part"), "{found}");
 }
 
 /// A rate at which nothing is learnt leaves the first weights, whose images are worse than the raw

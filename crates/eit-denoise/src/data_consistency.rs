@@ -12,8 +12,7 @@ use ndarray::{Array2, ArrayView2};
 /// normal). A deviation that was measured on few quiet frames makes it more.
 const NOISE_DEVIATIONS: f64 = 4.0;
 
-/// Data consistency of images with their measurements: the linear model of a skin's images, weighted
-/// by the noise of the measurements.
+/// Checks images against their measurements with the linear model of a skin, weighted by the noise.
 #[derive(Debug, Clone)]
 pub struct DataConsistency {
     /// `W^1/2 J`, `[measurement][masked pixel]`, row by row.
@@ -25,21 +24,21 @@ pub struct DataConsistency {
     pixels: Vec<f32>,
 }
 
-/// Energies of a frame in units of the noise: sums of squares over the measurements that are used.
+/// Energies of a frame in units of the noise: sums of squares over the used measurements.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DataMisfit {
     /// `|W^1/2 dv|^2`.
     pub data: f64,
-    /// What the image leaves unexplained: `|W^1/2 (dv - J x)|^2`.
+    /// Residual of the image: `|W^1/2 (dv - J x)|^2`.
     pub residual: f64,
-    /// Measurements used.
+    /// Number of used measurements.
     pub measurements: usize,
 }
 
 impl DataConsistency {
-    /// For images on `mask` [row, column]: `jacobian` [measurement, masked pixel in row order] is in
-    /// the differences' unit per image unit, `noise_std` the standard deviation of each difference,
-    /// infinite for one that is not used.
+    /// Prepares the check for images on `mask` [row, column]. `jacobian` [measurement, masked pixel in
+    /// row-major order] is in the differences' unit per image unit, `noise_std` the standard deviation of
+    /// each difference, infinite for a measurement that is not used.
     ///
     /// # Errors
     /// [`DenoiseError::WrongLength`], [`DenoiseError::EmptyMask`]; [`DenoiseError::OutOfRange`] for
@@ -182,7 +181,7 @@ impl DataConsistency {
     }
 }
 
-/// Sixteen sums, so that the compiler may use registers of any width.
+/// Sixteen independent sums, so that the compiler can use registers of any width.
 fn dot(a: &[f32], b: &[f32]) -> f32 {
     let (a, a_rest) = a.as_chunks::<16>();
     let (b, b_rest) = b.as_chunks::<16>();
@@ -197,21 +196,21 @@ fn dot(a: &[f32], b: &[f32]) -> f32 {
 }
 
 impl DataMisfit {
-    /// Energy that noise alone may have: `n + 4 sqrt(2 n)`, mean and four standard deviations of
-    /// chi squared with `n` degrees.
+    /// Largest energy expected of noise alone: `n + 4 sqrt(2 n)`, the mean of chi squared with `n` degrees
+    /// of freedom plus four standard deviations.
     pub fn noise_bound(&self) -> f64 {
         let n = self.measurements as f64;
         n + NOISE_DEVIATIONS * (2.0 * n).sqrt()
     }
 
-    /// Unexplained share of the data's energy.
+    /// Returns the unexplained share of the data's energy.
     pub fn residual_share(&self) -> f64 {
         self.residual / self.data
     }
 
-    /// The residual over what it may be, which is the share `limit` of the data's energy, or noise. Up
-    /// to 1 the image is consistent with its data. Where the data is noise and no drift,
-    /// that is an image which claims no more than noise. Infinite without a measurement.
+    /// Returns the residual over its bound, which is the share `limit` of the data's energy or the noise bound,
+    /// whichever is larger. Up to 1 the image is consistent with its data. Infinite without a
+    /// measurement.
     pub fn score(&self, limit: f64) -> f64 {
         if self.measurements == 0 {
             return f64::INFINITY;
@@ -219,9 +218,9 @@ impl DataMisfit {
         self.residual / (limit * self.data).max(self.noise_bound())
     }
 
-    /// The residual share that all but `share` of known frames keep: the limit for
-    /// [`DataMisfit::score`]. Frames within ten times the energy of noise say nothing; `None` where
-    /// fewer than twenty others are left.
+    /// Returns the residual share that all but `share` of known frames stay below: the limit for
+    /// [`DataMisfit::score`]. Frames within ten times the noise bound are ignored; `None` if fewer
+    /// than twenty others remain.
     pub fn limit(known: &[Self], share: f64) -> Option<f64> {
         let strong = known.iter().filter(|misfit| misfit.data > 10.0 * misfit.noise_bound());
         let mut shares: Vec<f64> = strong.map(Self::residual_share).collect();

@@ -22,23 +22,23 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Format that is written; others are refused.
+/// Format version; others are rejected.
 const VERSION: u32 = 2;
 const MANIFEST: &str = "manifest.json";
 
-/// What a learning base is made of. Two bases of equal settings hold equal bytes.
+/// Settings of a learning base. Two bases with equal settings hold equal bytes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BaseSettings {
-    /// Fingerprint of the skin, any text.
+    /// Fingerprint of the skin: any text.
     pub skin: String,
     /// Rows and columns of the images.
     pub pixels: [usize; 2],
-    /// Where all random numbers come from.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// Number of shards.
     pub shards: usize,
-    /// Everything else that the pairs depend on, in words: method, scripts, ranges.
+    /// Everything else that the pairs depend on, as text: method, scripts, ranges.
     pub recipe: String,
 }
 
@@ -47,7 +47,7 @@ pub struct BaseSettings {
 struct Manifest {
     version: u32,
     settings: BaseSettings,
-    /// Whole shards by index.
+    /// Complete shards by index.
     shards: BTreeMap<usize, Listed>,
 }
 
@@ -197,24 +197,24 @@ impl LearningBase {
         Ok(Self { folder: folder.to_path_buf(), manifest, others: BTreeMap::new(), part: None })
     }
 
-    /// What it is made of.
+    /// Returns its settings.
     pub fn settings(&self) -> &BaseSettings {
         &self.manifest.settings
     }
 
-    /// Shards still to be made, of this part where it is one: never written, lost or damaged since.
+    /// Returns the shards still to be made, of its part if it has one: never written, lost or damaged.
     pub fn missing(&self) -> Vec<usize> {
         let own = |index: &usize| self.part.is_none_or(|part| part.contains(*index));
         let all = (0..self.manifest.settings.shards).filter(own);
         all.filter(|&index| self.bytes(index).is_err()).collect()
     }
 
-    /// Number of shards that manifests list.
+    /// Returns the number of shards that the manifests list.
     pub fn complete(&self) -> usize {
         self.merged().shards.len()
     }
 
-    /// Number of frames in all complete shards.
+    /// Returns the number of frames in all complete shards.
     pub fn frames(&self) -> usize {
         self.merged().shards.values().map(|listed| listed.frames).sum()
     }
@@ -228,11 +228,11 @@ impl LearningBase {
         merged
     }
 
-    /// Writes a shard and lists it.
+    /// Writes a shard, then lists it in the manifest.
     ///
     /// # Errors
-    /// [`DenoiseError::OutOfRange`] for an index that the settings do not have,
-    /// [`DenoiseError::ShapeMismatch`] for images of other pixels than theirs,
+    /// [`DenoiseError::OutOfRange`] for an index beyond the number of shards,
+    /// [`DenoiseError::ShapeMismatch`] for images with another number of pixels,
     /// [`DenoiseError::Io`].
     pub fn write(&mut self, index: usize, shard: &Shard) -> Result<(), DenoiseError> {
         let Manifest { settings, .. } = &self.manifest;
@@ -261,7 +261,7 @@ impl LearningBase {
         Shard::from_bytes(&bytes).map_err(|e| e.in_file(&self.path(index)))
     }
 
-    /// Checksum of settings and shards: bases of the same one hold the same pairs.
+    /// Returns a checksum of settings and shards: bases with equal checksums hold equal pairs.
     pub fn checksum(&self) -> Result<String, DenoiseError> {
         Ok(format!("{:08x}", crc32fast::hash(&self.merged().to_bytes()?)))
     }
@@ -336,7 +336,7 @@ fn manifests(folder: &Path) -> Result<Vec<PathBuf>, DenoiseError> {
     Ok(found)
 }
 
-/// The first setting that differs.
+/// Rejects other settings, naming the first that differs.
 fn differing(found: &BaseSettings, wanted: &BaseSettings) -> Result<(), DenoiseError> {
     let text = |s: &BaseSettings| {
         [
@@ -357,7 +357,7 @@ fn differing(found: &BaseSettings, wanted: &BaseSettings) -> Result<(), DenoiseE
     Ok(())
 }
 
-/// Writes a file beside its place and renames it.
+/// Writes a temporary file and renames it.
 ///
 /// # Errors
 /// [`DenoiseError::Io`].
@@ -372,12 +372,12 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), DenoiseError>
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt as _;
-        // temporary files are private by default; this becomes the user's ordinary file
+        // temporary files are private by default; this one becomes an ordinary file of the user
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let mut file = builder.tempfile_in(folder).map_err(|e| failed(&e))?;
     file.write_all(bytes).map_err(|e| failed(&e))?;
-    // on the disk before it has its name
+    // flushed to the disk before it gets its name
     file.as_file().sync_all().map_err(|e| failed(&e))?;
     file.persist(path).map_err(|e| failed(&e.error))?;
     Ok(())

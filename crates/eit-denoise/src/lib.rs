@@ -25,7 +25,7 @@ mod train_settings;
 #[cfg(feature = "unet")]
 mod unet;
 
-/// The version of burn that nets and devices of this crate are of.
+/// burn, in the version that this crate's nets and devices use.
 #[cfg(feature = "burn")]
 pub use burn;
 #[cfg(feature = "unet")]

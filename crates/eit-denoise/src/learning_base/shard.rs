@@ -1,18 +1,18 @@
-//! One sequence of pairs, in memory and as safetensors.
+//! One sequence of training pairs, in memory and in a safetensors file.
 
 use crate::unet::{bytes_of, floats_of, format_error};
 use crate::{DenoiseError, Denoiser, ImageStack};
 use ndarray::{Array1, Array2, Array3};
 use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 
-/// One sequence of pairs, frames in order.
+/// One sequence of training pairs, frames in order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shard {
     /// Reconstructed images [frame, row, column], zero outside the mask.
     pub raw: Array3<f32>,
-    /// Images that the net should make of them.
+    /// Wanted images [frame, row, column].
     pub wanted: Array3<f32>,
-    /// Pixels on the skin [row, column].
+    /// Mask [row, column]: true on the skin.
     pub mask: Array2<bool>,
     /// The measurements behind the images, if known.
     pub data: Option<ShardData>,
@@ -39,11 +39,12 @@ pub struct ShardData {
 }
 
 impl Shard {
-    /// Of two stacks of the same skin and length; values in their unit, rounded to `f32`.
+    /// Builds a shard from two stacks of the same skin and length; values keep their unit, rounded to
+    /// `f32`.
     ///
     /// # Errors
     /// [`DenoiseError::MaskMismatch`], [`DenoiseError::WrongLength`];
-    /// [`DenoiseError::NothingToLearn`] where every raw image is zero.
+    /// [`DenoiseError::NothingToLearn`] if every raw image is zero.
     pub fn new(raw: &ImageStack, wanted: &ImageStack) -> Result<Self, DenoiseError> {
         if raw.mask() != wanted.mask() {
             let pixels = raw.mask().len();
@@ -67,7 +68,7 @@ impl Shard {
         Ok(Self { raw: inside(raw), wanted: inside(wanted), mask, data, beside })
     }
 
-    /// Its raw images, through a net that sees what is beside them too.
+    /// Cleans its raw images with a net that also sees what is beside them.
     ///
     /// # Errors
     /// Those of [`Denoiser::denoise_with`] and of [`ImageStack::new`].
@@ -79,8 +80,8 @@ impl Shard {
         net.denoise_with(&raw, &others, conditions.as_ref().map(|c| c.view()))
     }
 
-    /// Images per frame, and conditions per frame, that a net of this shard sees; an error where their
-    /// sizes differ from the raw images'.
+    /// Returns the number of images and of conditions per frame; an error if their lengths differ from
+    /// the raw images'.
     pub(crate) fn inputs(&self) -> Result<[usize; 2], DenoiseError> {
         let wanted = self.raw.dim().0;
         let Beside { images, conditions } = &self.beside;
@@ -97,8 +98,8 @@ impl Shard {
         }
     }
 
-    /// The bytes of its file: `raw`, `wanted` [frame, row, column], `mask` [row, column], and, where
-    /// they are known, `differences` [frame, measurement] and `noise_std` [measurement].
+    /// Returns the bytes of its file: `raw`, `wanted` [frame, row, column], `mask` [row, column], and, if
+    /// known, `differences` [frame, measurement] and `noise_std` [measurement].
     pub(super) fn to_bytes(&self) -> Result<Vec<u8>, DenoiseError> {
         let (frames, rows, columns) = self.raw.dim();
         let floats = |values: &mut dyn Iterator<Item = f32>| bytes_of(&values.collect::<Vec<_>>());

@@ -13,6 +13,7 @@ use eit_denoise::{
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::time::Instant;
 
 /// How a net is trained: a [`eit_denoise::Unet`], or one of your own.
 #[derive(Debug, Clone, Copy)]
@@ -44,7 +45,7 @@ pub fn learn<N: ImageNet>(
     progress: &mut Progress,
 ) -> Result<Trainer<N>, SkinError> {
     let Training { settings, base, checkpoint, threads, stop } = *training;
-    let history = net.history();
+    let (history, first) = (net.history(), net.clone());
     let train = Examples::new(shards, history)?.augmented(&sequences.turns())?;
     let held_out = Examples::new(held_out, history)?;
     let mut trainer = match checkpoint.exists() {
@@ -52,6 +53,17 @@ pub fn learn<N: ImageNet>(
         false => Trainer::new(net, settings, base)?,
     };
     let steps = train.len().div_ceil(settings.batch);
+    let left = settings.epochs.saturating_sub(trainer.curve().len());
+    if left > 0 {
+        let step_s = step_s(&first, &train, settings.batch, threads)?;
+        progress.note(&format!(
+            "{} examples of {} sequences; {left} epochs of {steps} steps take about {:.0} minutes on \
+             {threads} threads",
+            train.len(),
+            shards.len(),
+            (left * steps) as f64 * step_s / 60.0
+        ));
+    }
     progress.steps("training", settings.epochs * steps, |bar| {
         while trainer.status() == TrainStatus::Running {
             let done = trainer.curve().len() * steps;
@@ -75,6 +87,20 @@ pub fn learn<N: ImageNet>(
         }
         Ok(trainer)
     })
+}
+
+/// Time of a step, seconds: the second of two, since the first also sets up the device.
+fn step_s<N: ImageNet>(
+    net: &N,
+    examples: &Examples,
+    batch: usize,
+    threads: usize,
+) -> Result<f64, SkinError> {
+    let batch: Vec<usize> = (0..examples.len().min(batch)).collect();
+    TrainStep::of(net, examples, &batch, threads)?;
+    let start = Instant::now();
+    TrainStep::of(net, examples, &batch, threads)?;
+    Ok(start.elapsed().as_secs_f64())
 }
 
 /// What a trained net is worth on sequences that it did not learn from.

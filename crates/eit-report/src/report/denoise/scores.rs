@@ -34,6 +34,8 @@ pub(super) struct Evaluation<'a> {
 pub(super) struct VariantScores {
     /// Mean squared error; over the raw image's after [`VariantScores::relative_to`].
     pub over_raw: Vec<f64>,
+    /// Squared distance from the image of the paper's rule, over that of the raw image.
+    over_raw_by_rule: Vec<f64>,
     /// Norm of the error over the truth's.
     relative: Vec<f64>,
     psnr_db: Vec<f64>,
@@ -109,9 +111,10 @@ impl<'a> Evaluation<'a> {
     /// Scores of a variant of a sequence.
     pub fn scores(
         &self,
-        sequence: &HeldOutSequence,
+        imaged: &ImagedSequence,
         variant: &ImageVariant,
     ) -> Result<VariantScores, ReportError> {
+        let ImagedSequence { sequence, variants } = imaged;
         let mut scores = VariantScores::default();
         let floor = self.floor(sequence, variant);
         let truth = sequence.truth.as_ref().map(|truth| truth.view());
@@ -131,6 +134,17 @@ impl<'a> Evaluation<'a> {
                     scores.errors_m.extend(found.errors_m.iter().flatten());
                     let each = found.errors_m.iter().map(Option::is_some).collect();
                     scores.found.push((each, found.extra));
+                    if let [raw, rule, ..] = &variants[..] {
+                        let of = |variant: &'_ ImageVariant| {
+                            variant.images.index_axis(Axis(0), frame).to_owned()
+                        };
+                        let (raw, rule) = (of(raw), of(rule));
+                        let off = |image: ArrayView2<'_, f64>| {
+                            let off = image.iter().zip(&rule).map(|(v, t)| (v - t).powi(2));
+                            off.filter(|v| v.is_finite()).sum::<f64>()
+                        };
+                        scores.over_raw_by_rule.push(off(image) / off(raw.view()));
+                    }
                     if let Some(truth) = truth {
                         scores.compare(
                             image,
@@ -231,6 +245,7 @@ impl VariantScores {
             Cell::Number(frames, 0),
             Cell::Number(quantile(&self.over_raw, 0.5), 3),
             Cell::Number(quantile(&self.over_raw, 0.9), 3),
+            Cell::Number(quantile(&self.over_raw_by_rule, 0.5), 3),
             Cell::Number(quantile(&self.relative, 0.5), 3),
             Cell::Number(self.worse, 3),
             Cell::Number(quantile(&self.psnr_db, 0.5), 1),
