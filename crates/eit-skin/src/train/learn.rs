@@ -7,8 +7,8 @@ use crate::progress::Progress;
 use crate::skin::Skin;
 use crate::stop::StopFlag;
 use eit_denoise::{
-    Examples, ImageNet, LearningBase, ModelError, Shard, TrainSettings, TrainStatus, Trainer, Unet,
-    Weights,
+    Examples, ImageNet, LearningBase, ModelError, Shard, TrainSettings, TrainStatus, TrainStep,
+    Trainer, Unet, Weights,
 };
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
