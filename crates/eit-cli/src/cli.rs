@@ -436,14 +436,14 @@ pub(crate) struct TrainArgs {
     /// Images per frame that the net sees: the raw one, then one-step images of the same
     /// measurements. With 1 it sees no measurement and runs on images alone (`eit denoise`); with more it
     /// also sees the signal-to-noise ratio.
-    #[arg(long, value_name = "N", default_value_t = 3)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     pub images: usize,
     /// Side of the blocks of pixels that become channels, 1 or 2: with 2 the net runs on a quarter of the
     /// pixels.
-    #[arg(long, value_name = "N", default_value_t = 2)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     pub fold: usize,
     /// Channels of the net's first level; its cost grows with the square.
-    #[arg(long, value_name = "N", default_value_t = 8)]
+    #[arg(long, value_name = "N", default_value_t = 4)]
     pub width: usize,
     /// Times that the net halves the pixels.
     #[arg(long, value_name = "N", default_value_t = 3)]

@@ -175,6 +175,7 @@ fn a_net_that_sees_measurements_is_trained_and_runs() {
     let scene = scene(folder.path());
     let weights = folder.path().join("w.safetensors");
     let mut arguments = vec!["train", text(&scene), "--out", text(&weights), "--seed", "3"];
+    arguments.extend(["--images", "3", "--fold", "2"]);
     arguments.extend(&FEW[..15]);
     succeed(&arguments);
     let net = eit_denoise::Weights::from_bytes(&std::fs::read(&weights).unwrap()).unwrap();
