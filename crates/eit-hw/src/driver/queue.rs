@@ -111,6 +111,11 @@ impl Queue {
         true
     }
 
+    /// Frames that were received and not taken yet.
+    pub(super) fn frames_waiting(&self) -> usize {
+        self.state().frames
+    }
+
     /// The reader thread has ended.
     pub(super) fn end(&self, error: Option<HwError>) {
         let mut state = self.state();

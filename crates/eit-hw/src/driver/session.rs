@@ -88,6 +88,11 @@ impl Session {
         self.queue.recycle(frame);
     }
 
+    /// Number of frames received but not yet taken with [`Session::next_event`].
+    pub fn frames_waiting(&self) -> usize {
+        self.queue.frames_waiting()
+    }
+
     /// Whether it has ended, and all that it had to tell was taken.
     pub fn is_over(&self) -> bool {
         self.queue.is_over()
@@ -131,6 +136,10 @@ impl FrameSource for Session {
 
     fn statistics(&self) -> Statistics {
         Session::statistics(self)
+    }
+
+    fn frames_waiting(&self) -> usize {
+        Session::frames_waiting(self)
     }
 
     fn is_over(&self) -> bool {

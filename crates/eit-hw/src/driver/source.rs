@@ -23,6 +23,12 @@ pub trait FrameSource {
     /// Counts so far.
     fn statistics(&self) -> Statistics;
 
+    /// Number of frames that are ready to be taken at once: above 0, the consumer is behind. A recording is
+    /// never ahead of its consumer: 0.
+    fn frames_waiting(&self) -> usize {
+        0
+    }
+
     /// Whether no event will come any more.
     fn is_over(&self) -> bool;
 }
