@@ -85,7 +85,7 @@ impl UnevenSheet {
     /// # Errors
     /// A length that is not above zero.
     pub fn new(surface: &Surface, length_m: f64) -> Result<Self, InverseError> {
-        check_positive("length of the unevenness", length_m)?;
+        check_positive("correlation length of the unevenness", length_m)?;
         let area: f64 = surface.areas_m2().iter().sum();
         let spacing_m = (SPACING * length_m).max((area / MOST_PLACES).sqrt());
         let length_m = spacing_m / SPACING;

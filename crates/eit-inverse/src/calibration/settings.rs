@@ -68,10 +68,10 @@ impl CalibrationSettings {
         check_length("contact_impedance", self.contact_impedance.len(), electrodes)?;
         for z in &self.contact_impedance {
             // zero impedance has no logarithm
-            check_positive("contact_impedance to start from", *z)?;
+            check_positive("starting contact_impedance", *z)?;
         }
         if self.max_iterations == 0 {
-            let (quantity, value, must) = ("max_iterations", 0.0, "1 or more");
+            let (quantity, value, must) = ("max_iterations", 0.0, "at least 1");
             return Err(InverseError::OutOfRange { quantity, value, must });
         }
         Ok(())

@@ -22,7 +22,7 @@ impl Presses {
     /// # Errors
     /// [`InverseError`] with the press and the value.
     pub fn validate(&self, least: usize) -> Result<(), InverseError> {
-        check_length("places of presses", self.places_m.len(), self.frames.nrows())?;
+        check_length("positions of presses", self.places_m.len(), self.frames.nrows())?;
         if self.frames.nrows() < least {
             let found = self.frames.nrows();
             return Err(InverseError::TooFewPresses { found, needed: least });
@@ -82,7 +82,7 @@ impl ModelResponses {
         }
         if self.candidates_m.len() < 2 {
             return Err(InverseError::OutOfRange {
-                quantity: "candidate places",
+                quantity: "candidate positions",
                 value: self.candidates_m.len() as f64,
                 must: "at least 2",
             });

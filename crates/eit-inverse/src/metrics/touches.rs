@@ -112,7 +112,7 @@ pub fn touch_position_errors_m<const D: usize>(
     touches_m.iter().try_for_each(|touch| check_place("touches_m", touch))?;
     if settings.within_m.is_nan() || settings.within_m < 0.0 {
         let (quantity, value) = ("within_m", settings.within_m);
-        return Err(InverseError::OutOfRange { quantity, value, must: "zero or above" });
+        return Err(InverseError::OutOfRange { quantity, value, must: "at least 0" });
     }
     let blobs = blobs(values, cells, settings.sign, settings.level)?;
     let distances: Vec<Vec<f64>> = blobs

@@ -49,7 +49,7 @@ pub fn artefact_energy<const D: usize>(
     cells.check("values", values)?;
     touches_m.iter().try_for_each(|touch| check_place("touches_m", touch))?;
     if distance_from_touch_m.is_nan() || distance_from_touch_m < 0.0 {
-        let (quantity, must) = ("distance_from_touch_m", "zero or above");
+        let (quantity, must) = ("distance_from_touch_m", "at least 0");
         return Err(InverseError::OutOfRange { quantity, value: distance_from_touch_m, must });
     }
     let largest = values.iter().filter(|x| x.is_finite()).fold(0.0_f64, |m, x| m.max(x.abs()));

@@ -77,7 +77,8 @@ impl TouchFit<'_> {
         let parameters = nuisance.parameters();
         let Some(slopes) = self.problem.derivative(&bells, parameters)? else {
             let value = bells.iter().map(|b| b.amplitude).fold(f64::INFINITY, f64::min);
-            let (quantity, must) = ("amplitude", "such that all touches leave conductivity");
+            let (quantity, must) =
+                ("amplitude", "large enough that all touches together leave conductivity");
             return Err(InverseError::OutOfRange { quantity, value, must });
         };
         let covariance: Array2<f64> = super::fit::inverse_information(slopes.as_ref());

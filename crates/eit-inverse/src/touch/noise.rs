@@ -45,7 +45,7 @@ impl FalseAlarms {
             return Err(InverseError::OutOfRange {
                 quantity,
                 value,
-                must: "less than one in two images",
+                must: "fewer than one in two images",
             });
         }
         Ok(())
@@ -124,7 +124,7 @@ impl NoiseFloor {
         for &measurement in used {
             let value = noise_std[measurement];
             if !(value >= 0.0 && value.is_finite()) {
-                let (quantity, must) = ("noise_std", "finite and zero or above");
+                let (quantity, must) = ("noise_std", "finite and at least 0");
                 return Err(InverseError::MeasurementOutOfRange {
                     quantity,
                     measurement,

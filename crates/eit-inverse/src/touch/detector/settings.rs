@@ -106,7 +106,7 @@ impl DetectorSettings {
         ];
         for (quantity, value) in shares {
             if !(0.0..1.0).contains(&value) {
-                let must = "0 or above and below 1";
+                let must = "at least 0 and below 1";
                 return Err(InverseError::OutOfRange { quantity, value, must });
             }
         }

@@ -53,7 +53,7 @@ impl<'a> Problem<'a> {
         channels: Channels,
     ) -> Result<Self, InverseError> {
         let Some(noise_scale) = channels.noise_scale else {
-            let what = "a fit weighs measurements by their noise, which is not given";
+            let what = "a fit weights measurements by their noise, which is missing";
             return Err(InverseError::NoiseUnknown { what });
         };
         check_length("triangles of the surface", surface.triangles().len(), model.elements())?;

@@ -44,13 +44,15 @@ impl TouchFit<'_> {
         let parameters = self.parameters();
         let unknowns = parameters.count() * starts.len();
         if unknowns > data.len() {
-            let (quantity, must) = ("parameters of the touches", "at most the used measurements");
+            let (quantity, must) =
+                ("number of touch parameters", "at most the number of used measurements");
             return Err(InverseError::OutOfRange { quantity, value: unknowns as f64, must });
         }
         let mut bells = self.check_starts(starts)?;
         let without: f64 = data.iter().map(|x| x * x).sum();
         let Some(mut residual) = self.problem.residuals(data, &bells) else {
-            let (quantity, must) = ("amplitude", "such that all touches leave conductivity");
+            let (quantity, must) =
+                ("amplitude", "large enough that all touches together leave conductivity");
             let value = bells.iter().map(|b| b.amplitude).fold(f64::INFINITY, f64::min);
             return Err(InverseError::OutOfRange { quantity, value, must });
         };

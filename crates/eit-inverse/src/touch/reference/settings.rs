@@ -34,7 +34,7 @@ impl ReferenceSettings {
         check_positive("time_constant_s", self.time_constant_s)?;
         for (quantity, value) in [("release_s", self.release_s), ("settle_s", self.settle_s)] {
             if !(value >= 0.0 && value.is_finite()) {
-                let must = "finite and zero or above";
+                let must = "finite and at least 0";
                 return Err(InverseError::OutOfRange { quantity, value, must });
             }
         }
