@@ -273,7 +273,7 @@ fn a_second_run_is_another_epoch() {
         SessionRecord { unit: UnitName::Ohm, ..session() },
         SessionRecord { current_a: Some(1e-3), ..session() },
     ];
-    for (other, what) in others.iter().zip(["measurements", "the unit", "the current"]) {
+    for (other, what) in others.iter().zip(["other measurements", "another unit", "another current"]) {
         let refused = CaptureWriter::append(&path, other, settings()).err().unwrap().to_string();
         assert!(refused.contains(what), "{refused}");
     }

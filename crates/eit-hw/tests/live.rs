@@ -568,7 +568,7 @@ fn ports_that_cannot_be_opened_and_instruments_that_do_not_answer() {
     let emulator = Emulator::start(Box::new(device), &listen, FaultPlan::default()).unwrap();
     let error = identify(&mut *eits1_driver(10.0), emulator.endpoint()).unwrap_err();
     assert!(matches!(&error, HwError::NotUnderstood { .. }), "{error}");
-    assert!(error.to_string().contains("lines of text, of 13 numbers"), "{error}");
+    assert!(error.to_string().contains("lines of text with 13 numbers"), "{error}");
 
     // a measurement that the instrument was not told to take
     let emulator = Emulator::start(eits1_device("7"), &listen, FaultPlan::default()).unwrap();

@@ -577,11 +577,11 @@ fn a_wrong_baud_rate_or_driver_is_told_by_what_comes() {
 
     // text where EITS-1 or another board was expected
     let error = identify(&mut *eits1_driver(), &at(115_200)).unwrap_err().to_string();
-    assert!(error.contains("lines of text, of 13 numbers"), "{error}");
+    assert!(error.contains("lines of text with 13 numbers"), "{error}");
     let other = Board { first_frame_s: 0.5, ..Board::preset("openeit-16").unwrap() };
     let other = Board { steps: Vec::new(), ..other };
     let error = identify(&mut *other.driver().unwrap(), &at(115_200)).unwrap_err().to_string();
-    assert!(error.contains("lines of 13 numbers, which this board does not write"), "{error}");
+    assert!(error.contains("lines of 13 numbers, which this board does not send"), "{error}");
     // a second program
     let _first = eit_hw::Link::open(&at(115_200)).unwrap();
     let error = eit_hw::Link::open(&at(115_200)).unwrap_err().to_string();
