@@ -66,11 +66,11 @@ fn csv_layouts_that_are_read() {
 
 #[test]
 fn csv_faults() {
-    refused(csv_of(""), &["f.csv", "empty (0 bytes)", "anew"]);
+    refused(csv_of(""), &["f.csv", "empty (0 bytes)", "again"]);
     refused(csv_of("# only a comment\n\n"), &["f.csv", "no complete frame"]);
     refused(csv_of("a,b\n"), &["no complete frame"]);
-    refused(csv_of("1,2\n3,4,5\n"), &["f.csv, line 2", "3 values", "2 wanted", "complete"]);
-    refused(csv_of("1,2\n3\n"), &["line 2", "1 values", "2 wanted"]);
+    refused(csv_of("1,2\n3,4,5\n"), &["f.csv, line 2", "3 values", "expected 2", "complete"]);
+    refused(csv_of("1,2\n3\n"), &["line 2", "1 values", "expected 2"]);
     refused(csv_of("1,2\n3,x4\n"), &["line 2", "value 2", "\"x4\"", "point"]);
     refused(csv_of("a,b\nc,d\n"), &["line 2", "value 1", "\"c\""]);
     refused(csv_of("1,,2\n"), &["line 1", "value 2", "\"\""]);
@@ -142,13 +142,13 @@ fn npy_faults() {
     refused(npy_of(b""), &["f.npy", "empty"]);
     refused(npy_of(b"1,2,3\n"), &["its start", "1,2,3", "numpy.save"]);
     refused(npy_of(b"\x93NUMPY\x09\x00aaaaaaa"), &["version", "1, 2 or 3"]);
-    refused(npy_of(b"\x93NUMPY\x01\x00\x76\x00{'descr'"), &["8 bytes of header", "118 wanted"]);
+    refused(npy_of(b"\x93NUMPY\x01\x00\x76\x00{'descr'"), &["8 bytes of header", "expected 118"]);
     refused(npy_of(b"\x93NUMPY\x02\x00\xFF\xFF\xFF\xFF{"), &["bytes of header", "4294967295"]);
     refused(npy_of(&npy_bytes("{}", &[])), &["type is \"\""]);
     refused(npy_with("'|O'", "(2,)", &[]), &["type", "|O", "'<f8'"]);
     refused(npy_with("[('a', '<f8')]", "(2,)", &[]), &["type", "[('a'"]);
-    refused(npy_with("'<f8'", "(2,)", &[0; 15]), &["15 bytes of data", "16 wanted", "cut"]);
-    refused(npy_with("'<f8'", "(2,)", &[0; 17]), &["17 bytes of data", "16 wanted"]);
+    refused(npy_with("'<f8'", "(2,)", &[0; 15]), &["15 bytes of data", "expected 16", "cut"]);
+    refused(npy_with("'<f8'", "(2,)", &[0; 17]), &["17 bytes of data", "expected 16"]);
     refused(npy_with("'<f8'", "()", &[0; 8]), &["shape []", "[frame, measurement]"]);
     refused(npy_with("'<f8'", "(1, 1, 1)", &[0; 8]), &["shape [1, 1, 1]"]);
     refused(npy_with("'<f8'", "(0, 4)", &[]), &["no complete frame"]);
@@ -189,7 +189,7 @@ fn sciospec_headers_that_are_read() {
     let frames = chosen.frames_for(Some(&[[1, 0, 0, 1]]), 1, eit_hw::Component::Real).unwrap();
     assert_eq!(frames.values, ndarray::array![[1.0]]);
     refused(eit_of(&format!("{text}1 2\n1 0 2 0 3 0\n")), &["line 13", "drive", "\"1 2\""]);
-    refused(eit_of(&format!("{text}2 3\n1 0 2 0\n")), &["line 14", "2 channels", "3 wanted"]);
+    refused(eit_of(&format!("{text}2 3\n1 0 2 0\n")), &["line 14", "2 channels", "expected 3"]);
     let repeated = eit_of(&format!("{EIT_HEADER}1 2\n1 0 2 0\n1 2\n1 0 2 0\n")).unwrap();
     assert_eq!(repeated.notes, [Note::RepeatedDrive { a: 0, b: 1 }]);
 }
@@ -206,10 +206,10 @@ fn sciospec_faults() {
     refused(eit_of(&format!("{EIT_HEADER}1 2\n1 2 3\n")), &["line 13", "3 real and imaginary"]);
     refused(
         eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 4\n2 1\n1 2 3")),
-        &["line 15", "3 real and imaginary", "4 wanted"],
+        &["line 15", "3 real and imaginary", "expected 4"],
     );
     // cut out of -2.5E-6
-    refused(eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 -2.5")), &["line 13", "no line end", "anew"]);
+    refused(eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 -2.5")), &["line 13", "no line end", "again"]);
     refused(eit_of(&format!("{EIT_HEADER}1 3\n1 2 3 4\n")), &["drive is \"1 3\""]);
     refused(eit_of(&format!("{EIT_HEADER}1 1\n1 2 3 4\n")), &["drive is \"1 1\"", "different"]);
     refused(
@@ -238,9 +238,9 @@ fn sciospec_folders() {
     assert_eq!(recording.real.column(0).to_vec(), [9.0, 10.0, 13.0]);
     assert_eq!(recording.notes, [Note::MissingFrameFiles { count: 2, first: 11 }]);
     write("t_14.eit", &format!("{EIT_HEADER}2 1\n1 0 2 0\n"));
-    refused(read(), &["t_14.eit", "0 drives like those", "1 wanted"]);
+    refused(read(), &["t_14.eit", "0 drives like those", "expected 1"]);
     write("t_14.eit", &format!("{EIT_HEADER}1 2\n1 0 2 0 3 0\n"));
-    refused(read(), &["t_14.eit", "3 electrodes", "2 wanted"]);
+    refused(read(), &["t_14.eit", "3 electrodes", "expected 2"]);
     write("t_14.eit", "");
     refused(read(), &["t_14.eit", "empty"]);
     fs::remove_file(path.join("t_14.eit")).unwrap();
@@ -263,7 +263,7 @@ fn goe_faults() {
     let bytes = |frames: &[f32]| frames.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>();
     refused(goe(&bytes(&frames)), &["byte 1036", "frame 1, measurement 3", "inf"]);
     frames[256 + 3] = -1e30;
-    refused(goe(&bytes(&frames)), &["byte 1036", "e30 is no voltage", "Goe-MF II"]);
+    refused(goe(&bytes(&frames)), &["byte 1036", "e30 is not a plausible voltage", "Goe-MF II"]);
     // beyond the voltages nothing is looked at
     frames[256 + 3] = 0.25;
     frames[256 + 208] = f32::NAN;
@@ -305,10 +305,10 @@ fn lct_rows_and_header() {
     let five = |last| [rows[0], rows[1], rows[2], rows[3], last];
     let repeated = lct(&lct_text(&five("7 8 2"))).unwrap();
     assert_eq!(repeated.notes, [Note::RepeatedLastRow { line: 11 }]);
-    refused(lct(&lct_text(&five("7 8 3"))), &["5 rows", "4 wanted", "Length"]);
-    refused(lct(&lct_text(&rows[..3])), &["3 rows", "4 wanted"]);
+    refused(lct(&lct_text(&five("7 8 3"))), &["5 rows", "expected 4", "Length"]);
+    refused(lct(&lct_text(&rows[..3])), &["3 rows", "expected 4"]);
     refused(lct(&lct_text(&["1 2 2", "3 4 0", "5 6 2", "7 8 2"])), &["line 8", "current is 0"]);
-    refused(lct(&lct_text(&["1 2"])), &["line 7", "2 values", "3 wanted"]);
+    refused(lct(&lct_text(&["1 2"])), &["line 7", "2 values", "expected 3"]);
     refused(lct(&lct_text(&["1 2 2", "1 2 inf", "5 6 2", "7 8 2"])), &["line 8", "is inf"]);
     refused(lct(&lct_text(&["1 2 x"])), &["line 7", "value 3", "\"x\""]);
     refused(
@@ -407,13 +407,13 @@ fn khu_folders() {
     assert_eq!(recording.quality[[0, 2]], Quality::SATURATED);
     assert!(recording.quality[[0, 3]].is_good());
     write("11Scan.txt", &(scan(1) + "0 0 1 1\r\n"));
-    refused(read(), &["11Scan.txt", "9 records", "8 wanted"]);
+    refused(read(), &["11Scan.txt", "9 records", "expected 8"]);
     write("11Scan.txt", &scan(1).replacen("1 0", "2 0", 1));
-    refused(read(), &["11Scan.txt, line 2", "2 where 1 follows"]);
+    refused(read(), &["11Scan.txt, line 2", "2 instead of 1"]);
     write("11Scan.txt", scan(1).trim_end());
     refused(read(), &["11Scan.txt, line 8", "no line end"]);
     write("11Scan.txt", "0 0 1\r\n");
-    refused(read(), &["line 1", "3 values", "4 wanted"]);
+    refused(read(), &["line 1", "3 values", "expected 4"]);
     write("11Scan.txt", &scan(1).replacen("1.0", "nan", 1));
     assert_eq!(read().unwrap().quality[[2, 0]], Quality::NON_FINITE);
     refused(
@@ -464,7 +464,7 @@ fn keys_of_tables_are_for_tables() {
     refused(npy(&complex), &["f.npy", "`[recording] complex`", "complex npy", "real numbers"]);
     let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 2), }";
     write("f.npy", &npy_bytes(header, &floats));
-    refused(npy(&complex), &["1 rows", "2 wanted", "`[recording] complex = false`"]);
+    refused(npy(&complex), &["1 rows", "expected 2", "`[recording] complex = false`"]);
     let both = ReadOptions { frames_are: Some(FrameOrientation::Columns), ..complex.clone() };
     let recording = npy(&both).unwrap();
     assert_eq!((recording.real[[0, 0]], recording.imaginary.unwrap()[[0, 0]]), (1.0, 2.0));

@@ -179,7 +179,7 @@ fn eits1_bodies_round_trip_and_refuse() {
         assert_eq!(eits1::Configuration::from_bytes(&bytes[..end]), None);
     }
     let refused = eits1::Configuration::new(&[[0, 1, 2, 256]], 25.0, 1e-4, 0.0).unwrap_err();
-    assert_eq!(refused.to_string(), "electrode (from 0) is 256; at most 255 for EITS-1 wanted");
+    assert_eq!(refused.to_string(), "electrode (from 0) is 256; expected at most 255 for EITS-1");
     assert!(eits1::Configuration::new(&[], 25.0, 1e-4, 0.0).is_err());
 }
 

@@ -201,7 +201,7 @@ fn two_recorders_do_not_share_a_file() {
     let append = || CaptureWriter::append(&path, &session(), settings());
     let refused = append().err().unwrap();
     assert!(matches!(&refused, HwError::Busy { .. }), "{refused}");
-    assert!(refused.to_string().contains("a.mcap: is being recorded to by another program"));
+    assert!(refused.to_string().contains("a.mcap: another program is recording to it"));
     assert!(CaptureWriter::create(&path, &session(), settings()).is_err());
     drop(first);
     let second = append().unwrap();

@@ -154,7 +154,7 @@ fn troubles_of_the_whole_are_told_with_what_to_try() {
     only(&report, "9.1 % of the data are lost");
     let slow = StreamFacts { lost_frames: 0, wanted_rate_hz: Some(50.0) };
     let report = check_health(&healthy(), &rotated(16), &slow).unwrap();
-    only(&report, "25.00 frames a second, 50.00 wanted");
+    only(&report, "25.00 frames per second instead of 50.00");
 
     let mut silent = healthy();
     silent.values.fill(0.0);
@@ -172,7 +172,7 @@ fn bad_input_is_refused() {
     few.values = few.values.select(ndarray::Axis(0), &[0, 1, 2]);
     few.quality = few.quality.select(ndarray::Axis(0), &[0, 1, 2]);
     let error = check_health(&few, &rotated(16), &facts()).unwrap_err();
-    assert!(error.to_string().contains("3 frames, but 8 wanted"), "{error}");
+    assert!(error.to_string().contains("3 frames, but expected 8"), "{error}");
     let mut wild = healthy();
     wild.values.fill(f64::NAN);
     assert_eq!(check(&wild).verdict(), Verdict::Faulty);

@@ -648,7 +648,7 @@ fn an_instrument_that_falls_silent_in_the_set_up_is_told_so() {
     let emulator = start(Deaf(eits1_device("7")), FaultPlan::default());
     let mut driver = Eits1::new(&rotated(8), 5.0, 1e-4, 0.0).unwrap();
     let error = identify(&mut driver, emulator.endpoint()).unwrap_err().to_string();
-    assert!(error.contains("said who it is, but did not answer"), "{error}");
+    assert!(error.contains("identified itself but did not answer"), "{error}");
     assert!(error.contains("use the configuration") && !error.contains("baud"), "{error}");
 }
 

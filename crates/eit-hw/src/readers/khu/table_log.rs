@@ -172,12 +172,12 @@ mod tests {
         assert_eq!(good.gains, [0.2, 0.2, 2.0, 2.0, 2.0, 0.2, 2.0, 0.2]);
         refused(table(""), &["t.txt", "empty"]);
         refused(table("ProjIndex\n"), &["no complete frame"]);
-        refused(table(&text_of([[0, 3, 0, 0]; 2])), &["line 2", "0 sources", "1 wanted"]);
-        refused(table(&text_of([[2, 2, 3, 0]; 2])), &["2 sources", "1 wanted"]);
+        refused(table(&text_of([[0, 3, 0, 0]; 2])), &["line 2", "0 sources", "expected 1"]);
+        refused(table(&text_of([[2, 2, 3, 0]; 2])), &["2 sources", "expected 1"]);
         refused(table(&text_of([ROLES[0], [2, 0, 0, 0]])), &["line 6", "0 sinks"]);
-        refused(table(&text_of([[2, 3, 3, 3]; 2])), &["3 sinks", "1 wanted"]);
+        refused(table(&text_of([[2, 3, 3, 3]; 2])), &["3 sinks", "expected 1"]);
         let cut = text_of(ROLES);
-        refused(table(&cut[..cut.len() - 30]), &["channels in order", "4 wanted"]);
+        refused(table(&cut[..cut.len() - 30]), &["channels in order", "expected 4"]);
         refused(table("0\t0\t0\t2\n"), &["line 1", "Gain1", "\"\""]);
         refused(table("0 0 0 2 3 1 128 1 128 256\n"), &["line 1", "Gain1", "1 to 255"]);
         refused(table("0 x 0 2 3 1 128 1 128 25\n"), &["line 1", "Ch is \"x\""]);
