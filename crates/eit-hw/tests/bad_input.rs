@@ -147,7 +147,7 @@ fn npy_faults() {
     refused(npy_of(&npy_bytes("{}", &[])), &["type is \"\""]);
     refused(npy_with("'|O'", "(2,)", &[]), &["type", "|O", "'<f8'"]);
     refused(npy_with("[('a', '<f8')]", "(2,)", &[]), &["type", "[('a'"]);
-    refused(npy_with("'<f8'", "(2,)", &[0; 15]), &["15 bytes of data", "expected 16", "cut"]);
+    refused(npy_with("'<f8'", "(2,)", &[0; 15]), &["15 bytes of data", "expected 16", "truncated"]);
     refused(npy_with("'<f8'", "(2,)", &[0; 17]), &["17 bytes of data", "expected 16"]);
     refused(npy_with("'<f8'", "()", &[0; 8]), &["shape []", "[frame, measurement]"]);
     refused(npy_with("'<f8'", "(1, 1, 1)", &[0; 8]), &["shape [1, 1, 1]"]);
@@ -257,7 +257,7 @@ fn goe_faults() {
     refused(goe(b""), &["f.get", "empty"]);
     refused(goe(b"1,2,3\n"), &["is text", "`[recording] format`"]);
     refused(goe(b"---Draeger EIT-Software---\r\n"), &["Draeger"]);
-    refused(goe(&[0; 1023]), &["no complete frame", "1 cut"]);
+    refused(goe(&[0; 1023]), &["no complete frame", "1 incomplete"]);
     let mut frames = [0.25_f32; 512];
     frames[256 + 3] = f32::INFINITY;
     let bytes = |frames: &[f32]| frames.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>();
@@ -349,14 +349,14 @@ fn serial_log_cuts() {
     assert!(recording.quality[[0, 2]].is_good());
     for (text, reason) in [
         ("1 1\n1 1\ns\n2 2\n2 2\n", "line 1: its start is missing"),
-        ("s\n1 1\ns\n2 2\n2 2\n", "line 1: 1 lines of 2"),
-        ("s\n1 1\n1 1\n1 1\ns\n2 2\n2 2\n", "line 1: 3 lines of 2"),
-        ("s\n1 1\n1\ns\n2 2\n2 2\n", "line 3: 1 values in a line of 2"),
-        ("s\n1 1 1\n1 1\ns\n2 2\n2 2\n", "line 2: 3 values in a line of 2"),
-        ("s\n1 1\n1 1.2.3\ns\n2 2\n2 2\n", "line 3: a value is no finite number"),
-        ("s\n1 1\n1 nan\ns\n2 2\n2 2\n", "line 3: a value is no finite number"),
+        ("s\n1 1\ns\n2 2\n2 2\n", "line 1: 1 lines instead of 2"),
+        ("s\n1 1\n1 1\n1 1\ns\n2 2\n2 2\n", "line 1: 3 lines instead of 2"),
+        ("s\n1 1\n1\ns\n2 2\n2 2\n", "line 3: 1 values in a line instead of 2"),
+        ("s\n1 1 1\n1 1\ns\n2 2\n2 2\n", "line 2: 3 values in a line instead of 2"),
+        ("s\n1 1\n1 1.2.3\ns\n2 2\n2 2\n", "line 3: a value is not a finite number"),
+        ("s\n1 1\n1 nan\ns\n2 2\n2 2\n", "line 3: a value is not a finite number"),
         ("s\n2 2\n2 2\ns\n1 1\n1 1", "line 6: the file ends within a number"),
-        ("s\n2 2\n2 2\ns\n", "line 4: 0 lines of 2"),
+        ("s\n2 2\n2 2\ns\n", "line 4: 0 lines instead of 2"),
     ] {
         let (values, skipped) = rows(text);
         assert_eq!(values, [2.0], "{text:?}");
@@ -365,7 +365,7 @@ fn serial_log_cuts() {
     // a lost `s` joins two frames, of which neither is read
     assert_eq!(rows("s\n1 1\n1 1\n1 1\n1 1\ns\n2 2\n2 2\n").1.frames, 2);
     refused(log(""), &["f.txt", "empty"]);
-    refused(log("s\n1 1\n"), &["no complete frame", "1 cut"]);
+    refused(log("s\n1 1\n"), &["no complete frame", "1 incomplete"]);
     refused(log("\u{0}\u{1}\n"), &["no complete frame"]);
     let none = SerialLogOptions { lines_per_frame: 0, ..options };
     refused(serial_log::parse(b"s\ns\n1 1\n", &name("f.txt"), &none), &["no complete frame"]);
@@ -519,7 +519,7 @@ fn recognition() {
     refused(read("a.bin", &[1, 2, 3]), &["a.bin", "not recognised", "\"csv\"", "\"serial-log\""]);
     refused(read("a.txt", b"some words\nand more\n"), &["not recognised"]);
     refused(read("a.txt", b""), &["empty"]);
-    refused(read("a.npy", b"1,2\n"), &["NPY mark"]);
+    refused(read("a.npy", b"1,2\n"), &["NPY magic"]);
     refused(read_recording(path, None, &ReadOptions::default()), &["not recognised"]);
     let missing = path.join("there is none.csv");
     refused(read_recording(&missing, None, &ReadOptions::default()), &["cannot be read", "path"]);
