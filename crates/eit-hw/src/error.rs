@@ -126,7 +126,9 @@ pub enum HwError {
         place: Place,
     },
     /// A file without a value or complete frame.
-    #[error("{place}: no complete frame found ({skipped} incomplete ones skipped); record it again")]
+    #[error(
+        "{place}: no complete frame found ({skipped} incomplete ones skipped); record it again"
+    )]
     NoFrames {
         /// The file.
         place: Place,
@@ -145,7 +147,9 @@ pub enum HwError {
         byte: u8,
     },
     /// Text, but the format is binary.
-    #[error("{place}: is text, but {format} is binary; set `[recording] format` to the file's format")]
+    #[error(
+        "{place}: is text, but {format} is binary; set `[recording] format` to the file's format"
+    )]
     NotBinary {
         /// The file.
         place: Place,
@@ -573,7 +577,9 @@ pub enum HwError {
     },
     /// Fields of a [`Recording`](crate::Recording), or slices given to a
     /// [`FrameMap`](crate::FrameMap), of inconsistent lengths.
-    #[error("{place}: `{field}` has {found} entries, but expected {wanted}; make the lengths match")]
+    #[error(
+        "{place}: `{field}` has {found} entries, but expected {wanted}; make the lengths match"
+    )]
     Inconsistent {
         /// The file.
         place: Place,

@@ -1,5 +1,5 @@
-//! Small files of each format with one thing wrong: the message says where, what and how to mend
-//! it, on one line.
+//! Reads small files of each format with one error each: the message says on one line where and
+//! what it is, and how to fix it. One file, because all formats share the same helpers.
 
 #![allow(
     missing_docs,
@@ -23,7 +23,7 @@ use eit_hw::{
     read_recording, sciospec, serial_log,
 };
 
-/// The message of a refusal, which is one line and holds all of `parts`.
+/// Asserts that the error message is one line and contains all of `parts`.
 #[track_caller]
 fn refused(result: Result<impl Sized, HwError>, parts: &[&str]) {
     let message = result.err().expect("refused").to_string();
@@ -89,7 +89,7 @@ fn csv_faults() {
     refused(csv::parse(b"1,z\n", &name("a\nb.csv"), &CsvOptions::default()), &["a?b.csv"]);
 }
 
-/// An NPY file of version 1.
+/// Returns an NPY file of version 1.
 fn npy_bytes(header: &str, data: &[u8]) -> Vec<u8> {
     let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
     bytes.extend(u16::try_from(header.len()).unwrap().to_le_bytes());
@@ -208,7 +208,7 @@ fn sciospec_faults() {
         eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 4\n2 1\n1 2 3")),
         &["line 15", "3 real and imaginary", "expected 4"],
     );
-    // cut out of -2.5E-6
+    // truncated from -2.5E-6
     refused(eit_of(&format!("{EIT_HEADER}1 2\n1 2 3 -2.5")), &["line 13", "no line end", "again"]);
     refused(eit_of(&format!("{EIT_HEADER}1 3\n1 2 3 4\n")), &["drive is \"1 3\""]);
     refused(eit_of(&format!("{EIT_HEADER}1 1\n1 2 3 4\n")), &["drive is \"1 1\"", "different"]);
@@ -229,7 +229,7 @@ fn sciospec_folders() {
     let write = |name: &str, text: &str| fs::write(path.join(name), text).unwrap();
     let read = || read_recording(path, None, &ReadOptions::default());
     let frame = |value: u32| format!("{EIT_HEADER}1 2\n{value} 0 2 0\n");
-    // numeric order, with a hole
+    // numeric order, with a gap
     write("t_9.eit", &frame(9));
     write("t_10.eit", &frame(10));
     write("t_13.EIT", &frame(13));
@@ -264,7 +264,7 @@ fn goe_faults() {
     refused(goe(&bytes(&frames)), &["byte 1036", "frame 1, measurement 3", "inf"]);
     frames[256 + 3] = -1e30;
     refused(goe(&bytes(&frames)), &["byte 1036", "e30 is not a plausible voltage", "Goe-MF II"]);
-    // beyond the voltages nothing is looked at
+    // values after the voltages are ignored
     frames[256 + 3] = 0.25;
     frames[256 + 208] = f32::NAN;
     assert_eq!(goe(&bytes(&frames)).unwrap().frame_count(), 2);
@@ -273,7 +273,7 @@ fn goe_faults() {
 #[test]
 fn goe_fills_the_half_that_was_not_measured() {
     let whole: Vec<_> = common::rotated(16);
-    // a value per unordered pair of drive and measured pair, the second half of which is 0
+    // one value per unordered pair of drive and measured pair; the second half is 0
     let frame: Vec<f32> = (0..256)
         .map(|slot| match whole.get(slot) {
             Some(&[drive, _, measured, _]) if measured > drive => (16 * drive + measured) as f32,
@@ -339,7 +339,7 @@ fn serial_log_cuts() {
         let recording = log(text).unwrap();
         (recording.real.outer_iter().map(|row| row[0]).collect::<Vec<_>>(), recording.skipped)
     };
-    // whole frames, with all marks
+    // complete frames, with all marks
     let (values, skipped) = rows("ref:\n1 1\n1 1\ndata:\ns\n2 2 \r\n2 6.55\ns\n3 3 3 3\n");
     assert_eq!(values, [1.0, 2.0, 3.0]);
     // the `s` before the frame in one line has no lines of its own
@@ -362,7 +362,7 @@ fn serial_log_cuts() {
         assert_eq!(values, [2.0], "{text:?}");
         assert_eq!(skipped.first[0].to_string(), reason, "{text:?}");
     }
-    // a lost `s` joins two frames, of which neither is read
+    // a lost `s` merges two frames, and neither is read
     assert_eq!(rows("s\n1 1\n1 1\n1 1\n1 1\ns\n2 2\n2 2\n").1.frames, 2);
     refused(log(""), &["f.txt", "empty"]);
     refused(log("s\n1 1\n"), &["no complete frame", "1 incomplete"]);
@@ -371,7 +371,7 @@ fn serial_log_cuts() {
     refused(serial_log::parse(b"s\ns\n1 1\n", &name("f.txt"), &none), &["no complete frame"]);
 }
 
-/// A table of 4 channels and 2 projections; roles are the column `ChInfo`.
+/// Returns a table of 4 channels and 2 projections; roles are the column `ChInfo`.
 fn khu_table(roles: [[u32; 4]; 2]) -> String {
     let mut text = "ProjIndex\tCh\tChIndex\tChInfo\tInj.Freq\tAmp1High\r\n".to_owned();
     for (projection, roles) in roles.iter().enumerate() {
@@ -401,7 +401,7 @@ fn khu_folders() {
     write("ProjectionTableSendLog.txt", &khu_table(ROLES));
     write("10 Scan.txt", &scan(10));
     let recording = read().unwrap();
-    // counts over 2^15 and the gain of 0.2
+    // counts divided by 2^15 and by the gain of 0.2
     assert_eq!(recording.real.column(0).to_vec(), [2.0, 10.0].map(|c| c / (32768.0 * 0.2)));
     assert_eq!(recording.notes, [Note::MissingFrameFiles { count: 7, first: 3 }]);
     assert_eq!(recording.quality[[0, 2]], Quality::SATURATED);
@@ -468,7 +468,7 @@ fn keys_of_tables_are_for_tables() {
     let both = ReadOptions { frames_are: Some(FrameOrientation::Columns), ..complex.clone() };
     let recording = npy(&both).unwrap();
     assert_eq!((recording.real[[0, 0]], recording.imaginary.unwrap()[[0, 0]]), (1.0, 2.0));
-    // the keys go over the options of one reader
+    // the keys take precedence over the options of one reader
     let mut options = ReadOptions { frames_are: both.frames_are, ..ReadOptions::default() };
     options.npy.orientation = FrameOrientation::Matrix;
     assert_eq!(npy(&options).unwrap().real.dim(), (2, 1));
@@ -487,7 +487,7 @@ fn vectors_are_one_frame() {
         for orientation in orientations {
             let recording = with(shape, orientation);
             assert_eq!(recording.real, ndarray::array![[1.0, 2.0, 3.0]], "{shape}");
-            // only by rows is that not what the key says
+            // with rows, this is not what the key says
             let noted = shape == "(3, 1)" && orientation == FrameOrientation::Rows;
             assert_eq!(recording.notes.contains(&Note::OneColumn { rows: 3 }), noted);
         }

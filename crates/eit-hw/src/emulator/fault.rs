@@ -52,7 +52,11 @@ impl FaultPlan {
         }
         if !self.unplug_after_bytes.is_sorted() {
             let value = format!("{:?}", self.unplug_after_bytes);
-            return Err(HwError::Setting { name: "unplug_after_bytes", value, wanted: "ascending numbers" });
+            return Err(HwError::Setting {
+                name: "unplug_after_bytes",
+                value,
+                wanted: "ascending numbers",
+            });
         }
         Ok(())
     }

@@ -73,7 +73,9 @@ impl fmt::Display for SkipReason {
         match self {
             Self::NoStart => f.write_str("its start is missing"),
             Self::Lines { found, wanted } => write!(f, "{found} lines instead of {wanted}"),
-            Self::Values { found, wanted } => write!(f, "{found} values in a line instead of {wanted}"),
+            Self::Values { found, wanted } => {
+                write!(f, "{found} values in a line instead of {wanted}")
+            }
             Self::NotANumber => f.write_str("a value is not a finite number"),
             Self::TruncatedNumber => f.write_str("the file ends within a number"),
             Self::Bytes { found, wanted } => write!(f, "{found} bytes instead of {wanted}"),
@@ -176,7 +178,9 @@ impl fmt::Display for Note {
                 "{values} value(s) missing (NaN or infinite); the first is value {value} of frame {frame} \
                  (from 0)"
             ),
-            Self::HeaderLine { line } => write!(f, "line {line} contains no number: skipped as header"),
+            Self::HeaderLine { line } => {
+                write!(f, "line {line} contains no number: skipped as header")
+            }
             Self::NoLineEnd { line } => {
                 write!(f, "line {line} has no line end: its last number may be truncated")
             }

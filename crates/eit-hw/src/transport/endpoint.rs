@@ -44,7 +44,11 @@ impl Endpoint {
             return refuse("a serial port such as `/dev/ttyACM0` or `COM3`, or `tcp:host:port`");
         }
         if baud == 0 {
-            return Err(HwError::Setting { name: "baud", value: "0".into(), wanted: "more than 0" });
+            return Err(HwError::Setting {
+                name: "baud",
+                value: "0".into(),
+                wanted: "more than 0",
+            });
         }
         Ok(Self::Serial { path: text.to_owned(), baud, dtr: None })
     }

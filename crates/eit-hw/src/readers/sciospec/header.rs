@@ -52,7 +52,11 @@ impl Header {
             if let Some(list) = line.strip_prefix("MeasurementChannels:") {
                 let list = channel_list(list);
                 channels = Some(list.ok_or_else(|| {
-                    wrong(index, "MeasurementChannels", "a list of different numbers, each at least 1")
+                    wrong(
+                        index,
+                        "MeasurementChannels",
+                        "a list of different numbers, each at least 1",
+                    )
                 })?);
             }
         }
@@ -62,11 +66,9 @@ impl Header {
             first_hz: number(3 + shift, "first frequency")?,
             last_hz: number(4 + shift, "last frequency")?,
             logarithmic: number(5 + shift, "logarithmic")? != 0.0,
-            frequencies: text(6 + shift)
-                .parse()
-                .ok()
-                .filter(|&count| count > 0)
-                .ok_or_else(|| wrong(6 + shift, "number of frequencies", "a number of at least 1"))?,
+            frequencies: text(6 + shift).parse().ok().filter(|&count| count > 0).ok_or_else(
+                || wrong(6 + shift, "number of frequencies", "a number of at least 1"),
+            )?,
             current_a: number(7 + shift, "amplitude")?,
             channels,
         })
