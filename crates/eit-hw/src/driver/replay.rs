@@ -1,4 +1,6 @@
 //! Plays a recording as if it were an instrument.
+//!
+//! One file, because order of events, pace and mapping share the state of the replay.
 
 use std::path::Path;
 use std::time::{Duration, Instant};

@@ -423,7 +423,7 @@ fn row_08_the_path_stays_when_the_device_behind_it_changes() {
     let session = Session::open(eits1_driver(), first.endpoint(), quick()).unwrap();
     take(&session, 3, check_eits1);
     let old = std::fs::read_link(&place).unwrap();
-    // its name is taken while the second one starts
+    // keeps its name in use while the second one starts
     let _keep = std::fs::File::open(&old);
     first.stop();
     let second = Emulator::start(
@@ -462,8 +462,7 @@ fn row_08_a_session_stops_at_once_while_it_looks_for_the_instrument() {
     let _peer = listener.accept().unwrap();
     let begun = Instant::now();
     session.stop();
-    // the answer to the command is waited for 2 s; 20 ms are for a read, the rest for a busy
-    // computer
+    // waiting for the answer would take 2 s; a read takes 20 ms, the rest allows for a busy computer
     assert!(begun.elapsed() < Duration::from_millis(1500), "{:?}", begun.elapsed());
 }
 
