@@ -92,7 +92,7 @@ enum Side {
 /// use eit_hw::codec::sciospec::{Code, Decoder, Event, Output};
 /// let mut codes = Vec::new();
 /// let mut decoder = Decoder::new(Output::default());
-/// decoder.push(&[0x00, 0x18, 0x01, 0x83], &mut |_| unreachable!("no frame is whole yet"));
+/// decoder.push(&[0x00, 0x18, 0x01, 0x83], &mut |_| unreachable!("no frame is complete yet"));
 /// decoder.push(&[0x18], &mut |event| match event {
 ///     Event::System(code) => codes.push(code),
 ///     Event::Skipped { bytes } => assert_eq!(bytes, 1),

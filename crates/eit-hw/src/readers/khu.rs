@@ -151,7 +151,7 @@ fn parse_scan(bytes: &[u8], path: &Path, table: &ProjectionTable) -> Result<Scan
         what: "records",
         found: rows,
         wanted,
-        mend: "the projection table has that many: copy the file again or remove it",
+        mend: "as in the projection table: copy the file again or remove it",
     })
 }
 

@@ -78,7 +78,7 @@ fn drive(
         what,
         found,
         wanted,
-        mend: "in this projection: copy the table again from the instrument's folder",
+        mend: "this projection is invalid: copy the table again from the instrument's folder",
     };
     let in_order = rows
         .iter()
