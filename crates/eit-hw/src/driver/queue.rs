@@ -111,16 +111,12 @@ impl Queue {
         true
     }
 
-<<<<<<< HEAD
-    /// Frames that were received and not taken yet.
+    /// Number of frames received but not yet taken.
     pub(super) fn frames_waiting(&self) -> usize {
         self.state().frames
     }
 
-    /// The reader thread has ended.
-=======
     /// Marks the reader thread as ended.
->>>>>>> prose-hw
     pub(super) fn end(&self, error: Option<HwError>) {
         let mut state = self.state();
         state.end = error;
