@@ -88,16 +88,12 @@ impl Session {
         self.queue.recycle(frame);
     }
 
-<<<<<<< HEAD
     /// Number of frames received but not yet taken with [`Session::next_event`].
     pub fn frames_waiting(&self) -> usize {
         self.queue.frames_waiting()
     }
 
-    /// Whether it has ended, and all that it had to tell was taken.
-=======
     /// Returns whether the session has ended and every event was taken.
->>>>>>> prose-hw
     pub fn is_over(&self) -> bool {
         self.queue.is_over()
     }
