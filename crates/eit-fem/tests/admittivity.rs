@@ -451,8 +451,8 @@ fn bad_input_is_named() {
             model.forward(&gamma),
             &format!(
                 "the admittivity of element 17 is {text} S: its real part must be zero or above, \
-                 and not both parts zero (1 of the elements are like that; for a hole leave them \
-                 out of the mesh)"
+                 and not both parts zero (1 of the elements are invalid; model a hole by leaving \
+                 elements out of the mesh)"
             ),
         );
         let mut z = contacts();
@@ -460,9 +460,9 @@ fn bad_input_is_named() {
         says(
             AdmittivityModel::new(&mesh, &protocol, &z),
             &format!(
-                "the contact impedance of electrode 3 is {text}: beside complex admittivities it \
-                 must be finite and not zero, with a real part of zero or above (shunts and ideal \
-                 current sources need a skin without capacitance)"
+                "the contact impedance of electrode 3 is {text}: with complex admittivities it \
+                 must be finite and non-zero, with a real part of zero or above (only the real \
+                 model supports shunts and ideal current sources)"
             ),
         );
     }
@@ -476,8 +476,8 @@ fn bad_input_is_named() {
     resonant[0] = -I;
     says(
         model.forward(&resonant),
-        "phases of admittivities and contact admittances lie between -90.000 and 90.000 degrees: \
-         they must stay within less than half a turn, or capacitors and inductors cancel \
+        "the phases of the admittivities and contact admittances range from -90.000 to 90.000 degrees: \
+         they must span less than 180 degrees, or capacitors and inductors may cancel \
          (capacitive admittivities have positive imaginary parts, capacitive impedances negative \
          ones)",
     );

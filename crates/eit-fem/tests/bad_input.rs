@@ -62,7 +62,7 @@ fn conductivities_must_be_positive_numbers() {
         conductivity[7] = value;
         let wanted = format!(
             "the conductivity of element 7 is {text} S: it must be finite and above zero (1 of \
-                 the elements are not; for a hole leave them out of the mesh)"
+                 the elements are not; model a hole by leaving elements out of the mesh)"
         );
         says(model.forward(&conductivity), &wanted);
         says(model.jacobian(&conductivity), &wanted);
@@ -152,7 +152,7 @@ fn overflow_is_an_error() {
     says(
         at(1e300, 1e-100, 1e100),
         "the potential of electrode 1 under stimulation 0 is NaN V: the currents, conductivities \
-         and contact impedances together leave the range of numbers",
+         and contact impedances together exceed the floating-point range",
     );
     // entries of the matrix overflow
     says(

@@ -584,7 +584,7 @@ fn what_cannot_move_is_refused() {
     );
     let missing = ElectrodeMotion::Slide.displacement(&state.mesh, 12).unwrap_err().to_string();
     assert!(
-        missing.contains("names electrode 13, but the skin has electrodes 1 to 12"),
+        missing.contains("refers to electrode 13, but the skin has electrodes 1 to 12"),
         "{missing}"
     );
     // both electrodes of the strip end at its corners

@@ -402,7 +402,10 @@ fn bad_scripts_are_refused() {
         "finger 7, key 2: force_n is NaN: it must be at least zero",
     );
     says(&key(&|k| k.radius_m = 0.0), "finger 7, key 2: radius_m is 0: it must be above zero");
-    says(&key(&|k| k.time_s = 0.5), "finger 7, key 2: its time 0.5 s is not after 0.6 s before it");
+    says(
+        &key(&|k| k.time_s = 0.5),
+        "finger 7, key 2: its time 0.5 s is not after the previous key at 0.6 s",
+    );
     says(
         &key(&|k| k.position_m = [0.2, 0.0]),
         "finger 7, at key 2, 1.2 s: (0.2, 0) m is not on the skin",
@@ -436,7 +439,7 @@ fn bad_settings_are_refused() {
     says(&|s| s.weave.amplitude = -0.1, "fabric.weave.amplitude is -0.1");
     says(&|s| s.instrument.noise_v = [2e-6, 1e-6], "noise_v[1] - noise_v[0]");
     says(&|s| s.instrument.bits = 1, "fabric.instrument.bits is 1");
-    says(&|s| s.instrument.lost = vec![17], "fabric.instrument.lost names electrode 17");
+    says(&|s| s.instrument.lost = vec![17], "fabric.instrument.lost refers to electrode 17");
     let hard = press([0.0, 0.0], 1000.0);
     let fabric =
         Fabric::new(&mesh, &protocol(), SIGMA, &[1e3; 16], &FabricSettings::default()).unwrap();

@@ -169,33 +169,32 @@ fn refusals_say_what_is_wrong() {
         ),
         (
             explicit([3, 16]),
-            "drive pair 1 names electrode index 16, but the 16 electrodes have the indices 0 to 15",
+            "drive pair 1 refers to electrode index 16, but the 16 electrodes have indices 0 to 15",
         ),
         (
             measured.protocol(),
-            "measured pair 0 names electrode index 16, but the 16 electrodes have the indices 0 to \
-             15",
+            "measured pair 0 refers to electrode index 16, but the 16 electrodes have indices 0 to 15",
         ),
-        (explicit([3, 3]), "drive pair 1 joins electrode index 3 with itself"),
+        (explicit([3, 3]), "drive pair 1 connects electrode index 3 with itself"),
         (
             Protocol::from_quadruples(4, &[[0, 1, 2, 3], [0, 1, 2, 4]], 1.0),
-            "quadruple 1 names electrode index 4, but the 4 electrodes have the indices 0 to 3",
+            "quadruple 1 refers to electrode index 4, but the 4 electrodes have indices 0 to 3",
         ),
         (
             Protocol::from_quadruples(0, &[[0, 1, 2, 3]], 1.0),
-            "quadruple 0 names electrode index 0, but the 0 electrodes have the indices 0 to 0",
+            "quadruple 0 refers to electrode index 0, but the 0 electrodes have indices 0 to 0",
         ),
         (
             Protocol::from_quadruples(4, &[[0, 1, 2, 2]], 1.0),
-            "quadruple 0 joins electrode index 2 with itself",
+            "quadruple 0 connects electrode index 2 with itself",
         ),
         (
             Protocol::from_quadruples(4, &[], 1.0),
-            "the protocol has no measurement: keep the driven electrodes or choose other pairs",
+            "the protocol has no measurements: keep the driven electrodes or choose other pairs",
         ),
         (
             pairs(3, PairPattern::Adjacent).protocol(),
-            "the protocol has no measurement: keep the driven electrodes or choose other pairs",
+            "the protocol has no measurements: keep the driven electrodes or choose other pairs",
         ),
         (with_current(0.0), "current_a is 0: it must be finite and above zero"),
         (with_current(-1e-3), "current_a is -0.001: it must be finite and above zero"),
@@ -212,20 +211,20 @@ fn refusals_say_what_is_wrong() {
             patterns(&good, &array![[1.0], [-1.0]]),
             "rows of the measurement pattern matrix: 2 values given, 3 needed",
         ),
-        (patterns(&nan, &good), "stimulation pattern 1 holds NaN at electrode index 1"),
+        (patterns(&nan, &good), "stimulation pattern 1 contains NaN at electrode index 1"),
         (
             patterns(&good, &off),
-            "measurement pattern 1 sums to 2.5e-1 with a largest entry of 7.5e-1: what enters the skin \
-             must leave it, and a pattern must not be zero",
+            "measurement pattern 1 sums to 2.5e-1 with a largest entry of 7.5e-1: the entries must \
+             sum to zero and must not all be zero",
         ),
         (
             patterns(&zero, &good),
-            "stimulation pattern 0 sums to 0e0 with a largest entry of 0e0: what enters the skin \
-             must leave it, and a pattern must not be zero",
+            "stimulation pattern 0 sums to 0e0 with a largest entry of 0e0: the entries must \
+             sum to zero and must not all be zero",
         ),
         (
             patterns(&Array2::zeros((3, 0)), &good),
-            "the protocol has no measurement: keep the driven electrodes or choose other pairs",
+            "the protocol has no measurements: keep the driven electrodes or choose other pairs",
         ),
     ];
     for (result, wanted) in cases {

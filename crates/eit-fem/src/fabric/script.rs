@@ -233,7 +233,7 @@ impl<'a> Place<'a> {
         if self.holds(position_m) {
             return Ok(());
         }
-        let place = key.map_or_else(|| "on its way".to_owned(), |k| format!("at key {k}"));
+        let place = key.map_or_else(|| "between keys".to_owned(), |k| format!("at key {k}"));
         let [x_m, y_m] = position_m;
         Err(FemError::OutsideSkin { finger, place, time_s, x_m, y_m })
     }
