@@ -1,7 +1,8 @@
 #![doc = include_str!("../README.md")]
 
-// Modules import one way: error, check, geometry; then data, noise, prior; then one_step, sequence and
-// st_tv. touch stands on metrics, noise and one_step; calibration on data; learn on touch. No two files import each other.
+// Dependency order of the modules: error, check, geometry; then data, noise, prior; then one_step,
+// sequence and st_tv. touch uses metrics, noise and one_step; calibration uses data; learn uses touch.
+// No two files import each other.
 mod calibration;
 mod check;
 mod data;
