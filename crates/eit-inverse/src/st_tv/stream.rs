@@ -261,8 +261,8 @@ impl StTvStream {
         Ok(self.finish(start))
     }
 
-    /// Takes note that a frame was lost: the window moves on, and the lost frame is interpolated
-    /// from its neighbours.
+    /// Records a dropped frame: the window advances, and the dropped frame is interpolated from its
+    /// neighbours.
     pub fn push_dropped(&mut self) -> StreamStep<'_> {
         let start = Instant::now();
         self.advance();
