@@ -1,5 +1,5 @@
-//! Difference data and rows of the Jacobian: against the formulas written out, and against what the
-//! reconstruction itself makes of a frame.
+//! Difference data and rows of the Jacobian, compared with explicit formulas and with the difference data
+//! that the reconstruction computes.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -12,7 +12,7 @@ use eit_inverse::{
 use fixtures::Random;
 use ndarray::Array2;
 
-/// 40 measurements, of which two are not used and hold what cannot be computed with.
+/// 40 measurements, two of them unused, with zeros and non-finite values.
 struct Scene {
     jacobian: Array2<f64>,
     model_voltages_v: Vec<f64>,
@@ -38,7 +38,7 @@ fn bits<'a>(values: impl IntoIterator<Item = &'a f64>) -> Vec<u64> {
     values.into_iter().map(|x| x.to_bits()).collect()
 }
 
-/// To the bit: programs compare images made before and after they took these functions.
+/// Exactly equal, because programs compare images from before and after adopting these functions.
 #[test]
 fn differences_are_the_formula() {
     let Scene { frame, reference_frame, used, .. } = scene();
@@ -74,7 +74,7 @@ fn rows_are_divided_by_the_models_voltages() {
     }
 }
 
-/// The same image by both ways: the reconstruction's own, and plain data made of the normalised.
+/// Normalised data gives the same image as plain data that was normalised beforehand.
 #[test]
 fn the_reconstruction_makes_the_same_of_a_frame() {
     let Scene { jacobian, model_voltages_v, frame, reference_frame, used } = scene();
@@ -96,7 +96,7 @@ fn the_reconstruction_makes_the_same_of_a_frame() {
     let plain = OneStepGaussNewton::new(&rows, &prior, settings).unwrap();
     let wanted = own.reconstruct(&frame, &reference_frame).unwrap();
     let found = plain.reconstruct(&difference, &vec![0.0; difference.len()]).unwrap();
-    // weight / voltage * entry, or entry / voltage: a rounding apart, over lambda^2 = 1e-3
+    // weight / voltage * entry and entry / voltage differ by rounding, amplified by 1 / lambda^2 = 1e3
     assert!(relative_difference(&found, &wanted) < 1e-12);
 }
 
@@ -119,7 +119,7 @@ fn wrong_input_is_named() {
     let before = bits(&jacobian);
     let result = data.apply_to_rows(&mut jacobian, None);
     assert!(matches!(result, Err(InverseError::ZeroReference { measurement: 4, .. })));
-    assert_eq!(bits(&jacobian), before, "a refusal changes nothing");
+    assert_eq!(bits(&jacobian), before, "an error changes nothing");
     let data = DifferenceData::Normalised { model_voltages_v: vec![1.0; 39] };
     assert_eq!(data.apply_to_rows(&mut jacobian, None), wrong("model_voltages_v", 39, 40));
     let data = DifferenceData::Normalised { model_voltages_v: vec![f64::INFINITY; 40] };

@@ -1,8 +1,8 @@
-//! What one image of one frame leaves out: this program is the example `one_frame` and a look at its
-//! own names. No harness, so that nothing else is linked into it.
+//! Code that a one-frame reconstruction does not link: this program runs the example `one_frame` and
+//! searches its own executable for symbol names. It has no test harness, so that nothing else is linked.
 //!
-//! The linker drops what nothing calls; what can be called, at any depth, is there under its name. So
-//! a name that is missing is code that cannot run.
+//! The linker removes functions that nothing calls; all others appear under their names. A missing name
+//! therefore means that the code cannot run.
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs, reason = "tests")]
 
 #[path = "../examples/one_frame.rs"]
@@ -11,7 +11,7 @@ mod one_frame;
 
 use std::collections::BTreeSet;
 
-/// Modules of this crate that one image of one frame has no use for: time, touches, drift, other
+/// Modules of this crate that a one-frame reconstruction does not need: time, touches, drift, other
 /// methods, choice of the hyperparameter, figures of merit.
 const LEFT_OUT: [&str; 9] = [
     "calibration",
@@ -25,7 +25,8 @@ const LEFT_OUT: [&str; 9] = [
     "touch",
 ];
 
-/// Crates and modules: complex numbers, the network, instruments, recordings, nets.
+/// Other crates and modules that it does not need: complex numbers, networking, instruments, recordings,
+/// neural networks.
 const FOREIGN: [&[&str]; 8] = [
     &["num_complex"],
     &["gemm_c64"],
@@ -37,8 +38,8 @@ const FOREIGN: [&[&str]; 8] = [
     &["burn_tensor"],
 ];
 
-/// A path as the compiler mangles it: every name after its length. Put together at run time, so that
-/// it does not stand in this program by itself.
+/// A mangled path: every name is preceded by its length. It is built at run time, so that the string itself
+/// is not part of the executable.
 fn mangled(path: &[&str]) -> Vec<u8> {
     path.iter().map(|name| format!("{}{name}", name.len())).collect::<String>().into_bytes()
 }
@@ -47,7 +48,7 @@ fn holds(program: &[u8], what: &[u8]) -> bool {
     program.windows(what.len()).any(|window| window == what)
 }
 
-/// Modules of this crate that the program names: rooms, and what stands in them.
+/// Modules of this crate that appear in the executable, as `module::submodule`.
 fn modules(program: &[u8]) -> BTreeSet<String> {
     let own = mangled(&["eit_inverse"]);
     let ends = (own.len()..program.len()).filter(|&end| program[..end].ends_with(&own));
@@ -59,7 +60,7 @@ fn modules(program: &[u8]) -> BTreeSet<String> {
     ends.map(path).collect()
 }
 
-/// The name at the start of a mangled path, and what follows it.
+/// Splits a mangled path into its first name and the rest.
 fn name(path: &[u8]) -> (String, &[u8]) {
     let digits = path.iter().take_while(|byte| byte.is_ascii_digit()).count();
     let length = std::str::from_utf8(&path[..digits]).unwrap().parse().unwrap_or(0);
@@ -68,17 +69,17 @@ fn name(path: &[u8]) -> (String, &[u8]) {
 }
 
 fn main() {
-    // the brightest pixel, of 6 mm, within a tenth of the radius
+    // the brightest pixel, 6 mm wide, is within a tenth of the radius
     let error_m = one_frame::run().unwrap();
     assert!(error_m < 0.01, "{error_m} m off");
     if cfg!(windows) {
-        println!("skipped: programs do not hold their names here");
+        println!("skipped: executables contain no symbol names on this platform");
         return;
     }
     let program = std::fs::read(std::env::current_exe().unwrap()).unwrap();
     let modules = modules(&program);
     println!("modules of eit-inverse in one image of one frame: {modules:?}");
-    // what is used is found, so what is not found is not there
+    // modules in use are found, so a missing name is evidence
     for used in ["one_step::reconstructor", "one_step::spectrum"] {
         assert!(modules.contains(used), "{used}: {modules:?}");
     }
