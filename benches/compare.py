@@ -338,7 +338,7 @@ def sttv_table(program, peers, options):
         f"The floor: 4 n r T flops at {ours['flop_per_s'] / 1e9:.0f} GFLOP/s (a product of square "
         "matrices in f32), and the basis and 9 arrays of n T values read or written at "
         f"{ours['byte_per_s'] / 1e9:.0f} GB/s, both measured in the same run. The part of the spectrum "
-        "that is left to an explicit step (docs/DESIGN.md) is counted as if it were not. "
+        "that is left to an explicit step (docs/DESIGN_IMAGES.md) is counted as if it were not. "
         "An iteration's time includes its share of looks at the objective.",
         "",
         "Streams, certified gap of 1e-2 on every frame: linked to the image before, and a window of 8 frames:",

@@ -505,7 +505,7 @@ fn bad_input_is_told_in_one_line() {
     let csv = with(&format!("driver = \"csv\"\nport = \"{}\"", text(&port)));
     let emulated = emulate(&csv, &port, &[]);
     let said = record(&good, &[]);
-    assert!(said.contains("lines of text, of 40 numbers"), "{said}");
+    assert!(said.contains("lines of text with 40 numbers"), "{said}");
     assert!(said.contains("instrument.driver") || said.contains("`[instrument] driver`"), "{said}");
     drop(emulated);
     let board = with(&format!("driver = \"openeit-8\"\nport = \"{}\"", text(&port)));

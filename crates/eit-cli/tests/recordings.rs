@@ -45,7 +45,7 @@ fn nothing_whole_is_refused_and_leaves_no_file() {
     let [damaged, new] = ["damaged.mcap", "new.mcap"].map(|name| folder.path().join(name));
     std::fs::write(&damaged, [eit_hw::capture::MAGIC, &[0xa5; 5000]].concat()).unwrap();
     let said = common::refuse(&["recover", text(&damaged), text(&new)]);
-    assert!(said.contains("damaged.mcap: none of its 5008 bytes"), "{said}");
+    assert!(said.contains("damaged.mcap: its 5008 bytes hold no intact message"), "{said}");
     assert!(!new.exists());
     std::fs::write(&damaged, b"").unwrap();
     let said = common::refuse(&["recover", text(&damaged), text(&new)]);

@@ -182,7 +182,7 @@ fn a_second_recorder_is_refused() {
         |arguments: &[String]| eit(&arguments.iter().map(String::as_str).collect::<Vec<&str>>());
     let refused = run(&arguments(&ports[1], "1", &["--append"]));
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
-    assert!(stderr(&refused).contains("out.mcap: is being recorded to by another program"));
+    assert!(stderr(&refused).contains("out.mcap: another program is recording to it"));
     // the instrument has one host
     let other = folder.path().join("other.mcap");
     let refused = eit(&[

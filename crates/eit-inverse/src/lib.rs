@@ -1,4 +1,5 @@
 #![doc = include_str!("../README.md")]
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 // Dependency order of the modules: error, check, geometry; then data, noise, prior; then one_step,
 // sequence and st_tv. touch uses metrics, noise and one_step; calibration uses data; learn uses touch.

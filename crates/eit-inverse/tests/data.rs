@@ -1,5 +1,5 @@
-//! Difference data and rows of the Jacobian, compared with explicit formulas and with the difference data
-//! that the reconstruction computes.
+//! Difference data and rows of the Jacobian, compared with the written-out formulas and with what the
+//! reconstruction itself does with a frame.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test file: a panic is a failed test")]
 
@@ -12,7 +12,7 @@ use eit_inverse::{
 use fixtures::Random;
 use ndarray::Array2;
 
-/// 40 measurements, two of them unused, with zeros and non-finite values.
+/// 40 measurements; two are unused and hold invalid values.
 struct Scene {
     jacobian: Array2<f64>,
     model_voltages_v: Vec<f64>,
@@ -38,7 +38,7 @@ fn bits<'a>(values: impl IntoIterator<Item = &'a f64>) -> Vec<u64> {
     values.into_iter().map(|x| x.to_bits()).collect()
 }
 
-/// Exactly equal, because programs compare images from before and after adopting these functions.
+/// Bit for bit, because programs compare images made before and after they used these functions.
 #[test]
 fn differences_are_the_formula() {
     let Scene { frame, reference_frame, used, .. } = scene();
@@ -74,7 +74,8 @@ fn rows_are_divided_by_the_models_voltages() {
     }
 }
 
-/// Normalised data gives the same image as plain data that was normalised beforehand.
+/// Both ways give the same image: the reconstruction's own normalisation, and plain data made from
+/// normalised ones.
 #[test]
 fn the_reconstruction_makes_the_same_of_a_frame() {
     let Scene { jacobian, model_voltages_v, frame, reference_frame, used } = scene();
@@ -96,7 +97,7 @@ fn the_reconstruction_makes_the_same_of_a_frame() {
     let plain = OneStepGaussNewton::new(&rows, &prior, settings).unwrap();
     let wanted = own.reconstruct(&frame, &reference_frame).unwrap();
     let found = plain.reconstruct(&difference, &vec![0.0; difference.len()]).unwrap();
-    // weight / voltage * entry and entry / voltage differ by rounding, amplified by 1 / lambda^2 = 1e3
+    // weight / voltage * entry or entry / voltage: one rounding apart, divided by lambda^2 = 1e-3
     assert!(relative_difference(&found, &wanted) < 1e-12);
 }
 
@@ -119,7 +120,7 @@ fn wrong_input_is_named() {
     let before = bits(&jacobian);
     let result = data.apply_to_rows(&mut jacobian, None);
     assert!(matches!(result, Err(InverseError::ZeroReference { measurement: 4, .. })));
-    assert_eq!(bits(&jacobian), before, "an error changes nothing");
+    assert_eq!(bits(&jacobian), before, "a refusal changes nothing");
     let data = DifferenceData::Normalised { model_voltages_v: vec![1.0; 39] };
     assert_eq!(data.apply_to_rows(&mut jacobian, None), wrong("model_voltages_v", 39, 40));
     let data = DifferenceData::Normalised { model_voltages_v: vec![f64::INFINITY; 40] };

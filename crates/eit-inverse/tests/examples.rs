@@ -1,4 +1,4 @@
-//! The examples run and give the documented results.
+//! Runs the examples and checks their results.
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 #[path = "../examples/difference.rs"]
@@ -11,7 +11,7 @@ mod difference;
 mod stream;
 
 /// Each image is within a tenth of the radius of the finger. Eight untouched frames bring the image to
-/// rest, and the remaining ones of the 16 cost nothing.
+/// rest, and the remaining of the 16 cost nothing.
 #[cfg(feature = "st-tv")]
 #[test]
 fn stream_example() {
@@ -22,8 +22,8 @@ fn stream_example() {
     assert_eq!(outcome.quiet, 9);
 }
 
-/// The same frames in a window of 8 with a lower bound of zero, which is active when the finger leaves:
-/// every gap is proven, and after 8 untouched frames the window is at rest.
+/// The same frames through a window of 8 with its bound at zero, which becomes active when the finger
+/// leaves. Every gap is proven, and 8 untouched frames clear the finger from the window.
 #[cfg(feature = "st-tv")]
 #[test]
 fn window_of_the_stream_example() {
@@ -49,7 +49,7 @@ fn window_of_the_stream_example() {
 #[allow(dead_code, reason = "main of the example is not called here")]
 mod touches;
 
-/// The README's table agrees with the example to one unit in the last digit.
+/// The README's table matches the example's results to one unit of its last digits.
 #[test]
 fn readme_table_of_the_example() {
     let outcomes = difference::run().unwrap();
@@ -69,7 +69,7 @@ fn readme_table_of_the_example() {
 }
 
 /// Every prior and rule finds the finger within a tenth of the radius (the resolution of 16 electrodes at
-/// half the radius), with a positive correlation of image and truth.
+/// half the radius), with a positive correlation between image and truth.
 #[test]
 fn difference_example() {
     let outcomes = difference::run().unwrap();
@@ -87,9 +87,9 @@ fn touches_example() {
     let outcome = touches::run().unwrap();
     assert_eq!(outcome.image_errors_m.len(), 2);
     for (image_m, fit_m) in outcome.image_errors_m.iter().zip(&outcome.fit_errors_m) {
-        // the position in a one-step image may be a tenth of the radius too far out
+        // a one-step image of a finger may be off outward by a tenth of the radius
         assert!(*image_m < 0.01, "{image_m}");
-        // about three times the Cramer-Rao bound per coordinate, 0.3 to 0.5 mm at 60 dB
+        // the bound is 0.3 to 0.5 mm at 60 dB for each coordinate; three times that is allowed
         assert!(*fit_m < 2e-3, "{fit_m}");
     }
 }

@@ -1,8 +1,9 @@
-//! Code that a one-frame reconstruction does not link: this program runs the example `one_frame` and
-//! searches its own executable for symbol names. It has no test harness, so that nothing else is linked.
+//! What a program leaves out that reconstructs one image from one frame. It runs the example `one_frame`
+//! and searches its own executable for names. It has no test harness, so that nothing else is linked into
+//! it.
 //!
-//! The linker removes functions that nothing calls; all others appear under their names. A missing name
-//! therefore means that the code cannot run.
+//! The linker drops code that nothing calls; whatever can be called, at any depth, appears under its name.
+//! A missing name therefore means code that cannot run.
 #![allow(clippy::unwrap_used, clippy::print_stdout, missing_docs, reason = "tests")]
 
 #[path = "../examples/one_frame.rs"]
@@ -11,8 +12,8 @@ mod one_frame;
 
 use std::collections::BTreeSet;
 
-/// Modules of this crate that a one-frame reconstruction does not need: time, touches, drift, other
-/// methods, choice of the hyperparameter, figures of merit.
+/// Modules of this crate that a single image does not need: time, touches, drift, other methods, choice of
+/// the hyperparameter, figures of merit.
 const LEFT_OUT: [&str; 9] = [
     "calibration",
     "metrics",
@@ -25,8 +26,7 @@ const LEFT_OUT: [&str; 9] = [
     "touch",
 ];
 
-/// Other crates and modules that it does not need: complex numbers, networking, instruments, recordings,
-/// neural networks.
+/// Crates and modules that must be absent: complex numbers, the network, instruments, recordings, nets.
 const FOREIGN: [&[&str]; 8] = [
     &["num_complex"],
     &["gemm_c64"],
@@ -38,8 +38,8 @@ const FOREIGN: [&[&str]; 8] = [
     &["burn_tensor"],
 ];
 
-/// A mangled path: every name is preceded by its length. It is built at run time, so that the string itself
-/// is not part of the executable.
+/// A path as the compiler mangles it: every name after its length. Built at run time, so that it does not
+/// occur in this program itself.
 fn mangled(path: &[&str]) -> Vec<u8> {
     path.iter().map(|name| format!("{}{name}", name.len())).collect::<String>().into_bytes()
 }
@@ -48,7 +48,7 @@ fn holds(program: &[u8], what: &[u8]) -> bool {
     program.windows(what.len()).any(|window| window == what)
 }
 
-/// Modules of this crate that appear in the executable, as `module::submodule`.
+/// Modules of this crate named in the program, with the files inside them.
 fn modules(program: &[u8]) -> BTreeSet<String> {
     let own = mangled(&["eit_inverse"]);
     let ends = (own.len()..program.len()).filter(|&end| program[..end].ends_with(&own));
@@ -60,7 +60,7 @@ fn modules(program: &[u8]) -> BTreeSet<String> {
     ends.map(path).collect()
 }
 
-/// Splits a mangled path into its first name and the rest.
+/// Returns the name at the start of a mangled path and the rest of the path.
 fn name(path: &[u8]) -> (String, &[u8]) {
     let digits = path.iter().take_while(|byte| byte.is_ascii_digit()).count();
     let length = std::str::from_utf8(&path[..digits]).unwrap().parse().unwrap_or(0);
@@ -69,17 +69,17 @@ fn name(path: &[u8]) -> (String, &[u8]) {
 }
 
 fn main() {
-    // the brightest pixel, 6 mm wide, is within a tenth of the radius
+    // the brightest pixel, of 6 mm, is within a tenth of the radius
     let error_m = one_frame::run().unwrap();
     assert!(error_m < 0.01, "{error_m} m off");
     if cfg!(windows) {
-        println!("skipped: executables contain no symbol names on this platform");
+        println!("skipped: programs do not hold their names here");
         return;
     }
     let program = std::fs::read(std::env::current_exe().unwrap()).unwrap();
     let modules = modules(&program);
     println!("modules of eit-inverse in one image of one frame: {modules:?}");
-    // modules in use are found, so a missing name is evidence
+    // names that are used are found, so a name that is not found is absent
     for used in ["one_step::reconstructor", "one_step::spectrum"] {
         assert!(modules.contains(used), "{used}: {modules:?}");
     }

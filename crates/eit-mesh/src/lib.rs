@@ -15,6 +15,7 @@
 //! assert!(Quality::of(&mesh).smallest_angle_deg > 30.0);
 //! # Ok::<(), eit_mesh::MeshError>(())
 //! ```
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -1,8 +1,9 @@
 //! Frames to touches as they come: one loop for an instrument, a replay and the demo.
 //!
 //! The first frames of an epoch are the reference; from then on each frame gives its touches
-//! ([`TouchFinder`](crate::touches::TouchFinder)) and, for who wants to look, an image ([`LiveImages`]),
-//! whatever the pace: nothing looks at a clock, so that a recording gives the same to the bit.
+//! ([`TouchFinder`](crate::touches::TouchFinder)) and, for who wants to look, an image ([`LiveImages`]).
+//! Touches do not depend on the pace: a recording gives the same to the bit. So do images, except that those
+//! of live frames are skipped while frames wait ([`LiveObserver::wants_every_image`]).
 
 mod clock;
 mod images;
@@ -34,6 +35,9 @@ pub const REFERENCE_FRAMES: usize = 40;
 const LEAST_REFERENCE_FRAMES: usize = 8;
 /// How often to check for shutdown.
 const WAIT: Duration = Duration::from_millis(50);
+
+/// A consumer that is always behind still gets an image this often.
+const LONGEST_SKIP: Duration = Duration::from_millis(250);
 
 /// What is built before the first frame comes.
 #[derive(Debug)]
@@ -105,6 +109,12 @@ pub trait LiveObserver {
         true
     }
 
+    /// Whether every image is needed, even if touches then come late. By default the image of a live frame
+    /// is skipped while further frames wait, except for one every quarter of a second.
+    fn wants_every_image(&self) -> bool {
+        false
+    }
+
     /// Whether to go on; called at least every 50 ms.
     fn goes_on(&mut self, summary: &Summary) -> bool;
 }
@@ -173,6 +183,7 @@ impl LiveModel {
             stream = stream.without_images();
         }
         let mut first_frame = None;
+        let mut last_image = Instant::now();
         while observer.goes_on(&summary) && !source.is_over() {
             let Some(event) = source.next_event(WAIT).map_err(SkinError::from)? else {
                 observer.idle()?;
@@ -198,7 +209,14 @@ impl LiveModel {
                 Pushed::Shown(shown) => {
                     observer.touches(&shown)?;
                     if observer.wants_image() {
-                        stream.make_image(&frame)?;
+                        let is_behind =
+                            is_live && source.frames_waiting() > 0 && !observer.wants_every_image();
+                        if is_behind && last_image.elapsed() < LONGEST_SKIP {
+                            summary.skipped_images += 1;
+                        } else {
+                            stream.make_image(&frame)?;
+                            last_image = Instant::now();
+                        }
                     }
                     if let Some(shown) = stream.shown(&frame) {
                         summary.take_frame(&shown);

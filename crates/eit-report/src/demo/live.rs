@@ -193,6 +193,11 @@ impl LiveObserver for Demo<'_, '_> {
         Ok(self.writer.tick()?)
     }
 
+    /// The demo's pictures and errors are of all frames, on a busy computer too.
+    fn wants_every_image(&self) -> bool {
+        true
+    }
+
     fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), ReportError> {
         self.kept.take(shown)?;
         if !shown.touches.is_empty() {

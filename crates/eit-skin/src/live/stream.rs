@@ -13,6 +13,9 @@ use ndarray::Array2;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
+/// An image older than this says little about the next one, seconds.
+const LONGEST_LINK_S: f64 = 0.5;
+
 /// Takes frames and gives their touches: the first frames of an epoch are its reference.
 #[derive(Debug)]
 pub struct LiveStream {
@@ -33,8 +36,8 @@ pub struct LiveStream {
     image_latency_s: Option<f64>,
     /// The image of the last frame is made.
     has_image: bool,
-    /// Frames have passed of which no image was made.
-    has_gap: bool,
+    /// Time of the last image, seconds.
+    image_time_s: Option<f64>,
     /// When the last frame came, seconds since 1970, for a live one.
     came_s: Option<f64>,
 }
@@ -105,7 +108,7 @@ impl LiveStream {
             latency_s: None,
             image_latency_s: None,
             has_image: false,
-            has_gap: false,
+            image_time_s: None,
             came_s: None,
         }
     }
@@ -162,8 +165,8 @@ impl LiveStream {
         }
     }
 
-    /// The image of the frame whose touches [`LiveStream::push_touches`] gave, where images are made. After
-    /// frames without one it is as a first image: it is not linked to one that is old.
+    /// Makes the image of the frame whose touches [`LiveStream::push_touches`] gave, if images are made. After
+    /// frames without an image it is linked to the last one, unless that is older than half a second.
     ///
     /// # Errors
     ///
@@ -175,9 +178,12 @@ impl LiveStream {
         if self.has_image || self.values.len() != frame.values.len() {
             return Ok(());
         }
-        if std::mem::take(&mut self.has_gap) {
+        let is_old =
+            self.image_time_s.is_some_and(|before_s| self.time_s - before_s > LONGEST_LINK_S);
+        if is_old {
             images.restart();
         }
+        self.image_time_s = Some(self.time_s);
         images.push(&self.values, finder.reference(), |i| !finder.is_missing(i))?;
         self.image_latency_s = self.came_s.map(|came_s| now_s() - came_s);
         self.has_image = true;
@@ -206,7 +212,7 @@ impl LiveStream {
                 let reference = std::mem::take(&mut self.reference);
                 self.epoch = Some(self.begin(&reference)?);
                 // none of its frames has touches to make an image of
-                (self.has_image, self.has_gap) = (true, false);
+                (self.has_image, self.image_time_s) = (true, None);
             }
             return Ok(Some(left));
         };
@@ -216,7 +222,6 @@ impl LiveStream {
         let time_s = clock.next_s(frame);
         let is_good = |i: usize| frame.quality[i].is_good();
         self.touches.clear();
-        self.has_gap |= !self.has_image;
         self.has_image = true;
         self.touches.extend_from_slice(finder.push(&self.values, is_good, time_s)?);
         self.has_image = false;

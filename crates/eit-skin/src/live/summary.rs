@@ -29,6 +29,8 @@ pub struct Summary {
     pub interpolated: u64,
     /// Frames with bad values, which electrodes that move leave without an image.
     pub lost: u64,
+    /// Frames whose image was skipped because further frames waited.
+    pub skipped_images: u64,
     /// Largest proven gap of an image.
     pub worst_gap: Option<f64>,
     /// Faults of electrodes, in the order in which they were found: the first ones.
@@ -79,6 +81,12 @@ impl Summary {
                 self.lost
             );
         }
+        if self.skipped_images > 0 {
+            words += &format!(
+                "; {} frames have no image, as this computer could not keep up (touches are never skipped)",
+                self.skipped_images
+            );
+        }
         words
     }
 
@@ -90,6 +98,7 @@ impl Summary {
             "put_aside": self.aside,
             "beyond_delta": self.interpolated,
             "lost": self.lost,
+            "skipped": self.skipped_images,
         })
     }
 

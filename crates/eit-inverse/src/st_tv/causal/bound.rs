@@ -22,9 +22,10 @@
 use super::differences::{Basis, Differences};
 use super::fields::Setting;
 use super::frame::{Engine, Problem};
-use super::lanes::{LANES, Lane, Project};
+use super::lanes::{Lane, Project, each, largest, load, splat, total};
 use super::proof::{Expand, FlowSteps, Seek};
 use super::value::Record;
+use pulp::{Simd, WithSimd};
 
 /// Steps of the flow search, and how many of them are shifted.
 const STEPS: usize = 40;
@@ -146,23 +147,28 @@ impl Parts<'_> {
         }
         let (mut kappa, mut hard) = (*ratio, *ratio);
         let mut least_radius = f64::INFINITY;
-        self.for_lanes(engine, differences, |e, room, radius| {
-            let radius = weights.lambda_time * radius;
-            least_radius = least_radius.min(radius);
-            let own = (e.abs() + rounding) / radius;
-            hard = hard.max(own);
-            if !(if e > 0.0 { room[0] } else { room[1] }).is_finite() {
-                kappa = kappa.max(own);
-            }
-        });
-        linear += self.along(engine, differences);
+        let bounded = problem.bounds.is_some();
+        if bounded {
+            self.for_lanes(engine, differences, |e, room, radius| {
+                let radius = weights.lambda_time * radius;
+                least_radius = least_radius.min(radius);
+                let own = (e.abs() + rounding) / radius;
+                hard = hard.max(own);
+                if !(if e > 0.0 { room[0] } else { room[1] }).is_finite() {
+                    kappa = kappa.max(own);
+                }
+            });
+        } else {
+            let own = problem.arch.dispatch(Hardest { parts: self, engine, differences });
+            (kappa, least_radius) = (kappa.max(own[0]), own[1]);
+        }
+        linear += problem.arch.dispatch(Along { problem, engine, differences });
         let constant = if problem.ball.is_some() { 0.0 } else { 0.5 * problem.target.rest_squared };
         let mut best = Proof { bound: constant, scale: 0.0, rounding: rounding / least_radius };
         if !(linear > 0.0 && kappa.is_finite()) {
             return best;
         }
         let parabola = if square > 0.0 { linear / square } else { f64::INFINITY };
-        let bounded = problem.bounds.is_some();
         for kappa in &[kappa, hard, kappa.max(1.0)][..if bounded { 3 } else { 1 }] {
             let scale = (1.0 / kappa).min(parabola);
             let mut bound = constant + scale * linear - 0.5 * scale * scale * square;
@@ -203,17 +209,60 @@ impl Parts<'_> {
             }
         }
     }
+}
 
-    /// Returns `q.D x^`.
-    fn along<T: Project, D: Differences<f64>>(&self, engine: &Engine<T>, differences: &D) -> f64 {
-        let mut sum: Lane<f64> = [0.0; LANES];
-        for &at in differences.group_blocks() {
-            let [a, b] = differences.difference(self.problem.anchor, at);
-            for l in 0..LANES {
-                let [qa, qb] = [0, 1].map(|c| engine.proof.flow[c][at + l].to_f64());
-                sum[l] += qa * a[l] + qb * b[l];
-            }
+/// Computes the largest `(|e| + rounding) / radius` of any unknown and the smallest radius, for problems
+/// without bounds.
+struct Hardest<'a, T: Project, D> {
+    parts: &'a Parts<'a>,
+    engine: &'a Engine<T>,
+    differences: &'a D,
+}
+
+impl<T: Project, D: Differences<f64>> WithSimd for Hardest<'_, T, D> {
+    type Output = [f64; 2];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> [f64; 2] {
+        let Parts { rounding, problem, .. } = self.parts;
+        let time = problem.weights.lambda_time;
+        let (mut most, mut least) = (splat(0.0), splat(f64::INFINITY));
+        for &at in &problem.exact.places.blocks {
+            let radius = self.differences.cell_radius(at);
+            let inside = load(&problem.exact.inside, at);
+            let error = load(&self.engine.proof.error, at);
+            let own: Lane<f64> = each(|l| time * radius[l]);
+            let ratio: Lane<f64> =
+                each(|l| inside[l] * (error[l].to_f64().abs() + rounding) / own[l]);
+            most = each(|l| if ratio[l] > most[l] { ratio[l] } else { most[l] });
+            least = each(|l| {
+                let is_less = inside[l] > 0.0 && own[l] < least[l];
+                if is_less { own[l] } else { least[l] }
+            });
         }
-        super::lanes::total(&sum)
+        [largest(&most), -largest(&each(|l| -least[l]))]
+    }
+}
+
+/// Computes `q.D x^`.
+struct Along<'a, T: Project, D> {
+    problem: &'a Problem<'a>,
+    engine: &'a Engine<T>,
+    differences: &'a D,
+}
+
+impl<T: Project, D: Differences<f64>> WithSimd for Along<'_, T, D> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let mut sum: Lane<f64> = splat(0.0);
+        let [first, second] = &self.engine.proof.flow;
+        for &at in self.differences.group_blocks() {
+            let [a, b] = self.differences.difference(self.problem.anchor, at);
+            let (qa, qb) = (load(first, at), load(second, at));
+            sum = each(|l| qa[l].to_f64() * a[l] + qb[l].to_f64() * b[l] + sum[l]);
+        }
+        total(&sum)
     }
 }

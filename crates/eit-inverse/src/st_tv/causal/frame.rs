@@ -7,7 +7,7 @@
 use super::bound::{Proof, prove};
 use super::differences::Basis;
 use super::fields::{Fields, Setting};
-use super::iterate::{Columns, DataStep, Iterate};
+use super::iterate::{Columns, DataStep, Iterate, RowsTimes};
 use super::lanes::Project;
 use super::map::{StepMap, Weights};
 use super::proof::{Expand, FlowFields};
@@ -429,9 +429,8 @@ impl<T: Project> Engine<T> {
             for k in 0..known {
                 u[k] = problem.seen.transposed[k * (rank + 1)] * c[k] - problem.beta[k];
             }
-            for (y, row) in dual.iter_mut().zip(map.inverse.chunks_exact(head)).take(known) {
-                *y = dot(row, &u[..head]);
-            }
+            let (matrix, out) = (&map.inverse[..known * head], &mut dual[..known]);
+            problem.arch.dispatch(RowsTimes { matrix, x: &u[..head], out });
             dual[known..rank].copy_from_slice(&tail_dual[known..rank]);
             return;
         }

@@ -267,3 +267,19 @@ pub(crate) fn rows_times(matrix: &[f64], x: &[f64], out: &mut [f64]) {
         *out = dot(row, x);
     }
 }
+
+/// Dispatches [`rows_times`] for the widest SIMD registers.
+pub(crate) struct RowsTimes<'a> {
+    pub(crate) matrix: &'a [f64],
+    pub(crate) x: &'a [f64],
+    pub(crate) out: &'a mut [f64],
+}
+
+impl WithSimd for RowsTimes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        rows_times(self.matrix, self.x, self.out);
+    }
+}

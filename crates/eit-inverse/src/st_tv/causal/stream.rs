@@ -404,7 +404,8 @@ impl CausalStream {
 
     fn renew_coefficients(&mut self) {
         let (setting, change) = (&self.double_setting, self.anchor.as_slice());
-        self.solver.arch.dispatch(Coefficients { setting, change, out: &mut self.coefficients });
+        let (sums, out) = (&mut self.record.sums, &mut self.coefficients);
+        self.solver.arch.dispatch(Coefficients { setting, change, sums, out });
     }
 
     /// Returns whether the skin is at rest; counts quiet frames.
@@ -579,9 +580,9 @@ impl CausalStream {
         if self.pushed.is_multiple_of(RENEW) || end != End::Proven {
             self.renew_coefficients();
         } else {
-            let (setting, change) = (&self.double_setting, self.record.change.as_slice());
-            let out = &mut self.record.coefficients;
-            self.solver.arch.dispatch(Coefficients { setting, change, out });
+            let setting = &self.double_setting;
+            let Record { change, sums, coefficients: out, .. } = &mut self.record;
+            self.solver.arch.dispatch(Coefficients { setting, change, sums, out });
             let changes = self.coefficients.iter_mut().zip(&self.record.coefficients);
             changes.for_each(|(c, d)| *c += d);
         }

@@ -1,4 +1,5 @@
-//! Candidate image of an evaluation and its objective, in `f64`.
+//! Candidate image of an evaluation and its objective, in `f64`, or rounded up by a bound on the error of
+//! products in `f32`.
 //!
 //! Over 300 lines because all ways to a candidate (unchanged, zero, from an iterate) share one record.
 
@@ -7,7 +8,7 @@ use super::differences::{Basis, Differences};
 use super::fields::Setting;
 use super::frame::{Engine, Problem};
 use super::iterate::dot;
-use super::lanes::{Lane, Project, each, load, total};
+use super::lanes::{BLOCKS, LANES, Lane, Project, each, load, total};
 use crate::st_tv::ball;
 use pulp::{Simd, WithSimd};
 
@@ -19,6 +20,12 @@ const REPAIRS: usize = 8;
 /// Reduction of the target radius from one step to the next, because clipping to the bounds undoes a part
 /// of a step.
 const DEEPER: f64 = 0.02;
+
+/// For target gaps of at least this value, the data term of a candidate is summed in `f32`: the bound on its
+/// rounding error is small compared with the gap.
+const LEAST_ROUNDED_GAP: f64 = 3e-3;
+/// Number of panels whose products are summed in a lane before conversion to `f64`.
+const SUMMED_PANELS: usize = 8;
 
 /// Best result of a frame so far, in internal units.
 #[derive(Debug)]
@@ -44,6 +51,8 @@ pub(crate) struct Record {
     candidate_coefficients: Vec<f64>,
     image: Vec<f64>,
     column: Vec<f64>,
+    /// Scratch memory of [`Coefficients`].
+    pub(crate) sums: Vec<Lane<f64>>,
 }
 
 impl Record {
@@ -65,6 +74,7 @@ impl Record {
             candidate_coefficients: ranks.clone(),
             image: cells,
             column: ranks,
+            sums: vec![[0.0; LANES]; setting.padded],
         }
     }
 
@@ -111,7 +121,7 @@ impl Record {
 /// record must be cleared before.
 pub(crate) fn unchanged(problem: &Problem<'_>, record: &mut Record) -> f64 {
     record.candidate.fill(0.0);
-    let square = residual(problem.exact, problem, record);
+    let square = residual(problem, record);
     if problem.ball.is_some_and(|ball| square > ball) {
         return f64::INFINITY;
     }
@@ -160,19 +170,21 @@ pub(crate) fn value<T: Project>(
         record.candidate[cell] =
             if moved == 0.0 { 0.0 } else { (x + moved).clamp(lower, upper) - x };
     }
-    let mut square = match problem.ball {
-        Some(_) => residual(problem.exact, problem, record),
-        None => {
-            let square = residual(setting, problem, record);
+    let is_rounded =
+        T::HAS_SHORT && problem.ball.is_none() && problem.target_gap >= LEAST_ROUNDED_GAP;
+    let mut square = match is_rounded {
+        true => {
+            let square = rounded_residual(engine, setting, problem, record);
             (square.sqrt() + misfit_error::<T>(setting, record)).powi(2)
         }
+        false => residual(problem, record),
     };
     if let Some(ball) = problem.ball {
         let mut repairs = 0;
         while square > ball && repairs < REPAIRS {
             let inside = 1.0 - DEEPER * repairs as f64;
             into_ball(engine, problem, record, ball * inside * inside);
-            square = residual(problem.exact, problem, record);
+            square = residual(problem, record);
             repairs += 1;
         }
         // tolerance for the rounding of this evaluation; the data has norm 1
@@ -207,18 +219,39 @@ fn take(problem: &Problem<'_>, record: &mut Record, square: f64) {
     }
 }
 
-/// Returns an upper bound on the error of `|F' c - t|` due to rounded entries of `V`: `|F| <= 1`, and the
-/// rounding error of a row of `V` is at most a unit roundoff of its norm.
+/// Returns an upper bound on the rounding error of `|F' c - t|`, using `|F| <= 1`.
+///
+/// `V`, the change, and each product that is summed in a lane before conversion to `f64` contribute half a
+/// unit each (Higham, *Accuracy and Stability of Numerical Algorithms*, 2nd ed., 3.1).
 fn misfit_error<T: Project>(setting: &Setting<T>, record: &Record) -> f64 {
     let cells = &setting.places.cells;
     let sum: f64 = cells.iter().map(|&cell| record.candidate[cell].abs()).sum();
-    0.51 * T::EPSILON * setting.longest_row * sum
+    let roundings = 2.0 + (SUMMED_PANELS * BLOCKS) as f64;
+    0.51 * roundings * T::EPSILON * setting.longest_row * sum
 }
 
-/// Computes `F' c - t` of the candidate; returns its squared norm.
-fn residual<T: Project>(setting: &Setting<T>, problem: &Problem<'_>, record: &mut Record) -> f64 {
+/// Computes `F' c - t` of the candidate in `f64`; returns its squared norm.
+fn residual(problem: &Problem<'_>, record: &mut Record) -> f64 {
+    let Record { candidate: change, candidate_coefficients: out, sums, .. } = &mut *record;
+    let setting = problem.exact;
+    problem.arch.dispatch(Coefficients { setting, change, sums, out });
+    residual_of_coefficients(problem, record)
+}
+
+/// Like [`residual`], but with products in `T`; [`misfit_error`] bounds their rounding error.
+fn rounded_residual<T: Project>(
+    engine: &mut Engine<T>,
+    setting: &Setting<T>,
+    problem: &Problem<'_>,
+    record: &mut Record,
+) -> f64 {
     let (change, out) = (&record.candidate, &mut record.candidate_coefficients);
-    problem.arch.dispatch(Coefficients { setting, change, out });
+    let sums = &mut engine.fields.sums;
+    problem.arch.dispatch(Coefficients { setting, change, sums, out });
+    residual_of_coefficients(problem, record)
+}
+
+fn residual_of_coefficients(problem: &Problem<'_>, record: &mut Record) -> f64 {
     let rank = problem.exact.rank;
     let rows = problem.seen.transposed.chunks_exact(rank).zip(problem.beta);
     let mut square = 0.0;
@@ -269,11 +302,15 @@ fn into_ball<T: Project>(
     }
 }
 
-/// Computes `V' d` over the unknowns that changed, in `f64`; four at a time, so that the sums are read and
-/// written a quarter as often.
+/// Computes `V' d`, with products and sums in `T` over [`SUMMED_PANELS`] panels, then in `f64`.
+///
+/// Panels without a change are skipped. The speed is limited by memory bandwidth: `V` is read once,
+/// `4 n rank` bytes in `f32` and twice that in `f64`.
 pub(crate) struct Coefficients<'a, T: Project> {
     pub(crate) setting: &'a Setting<T>,
     pub(crate) change: &'a [f64],
+    /// Scratch memory, `[padded rank]`.
+    pub(crate) sums: &'a mut [Lane<T>],
     pub(crate) out: &'a mut [f64],
 }
 
@@ -281,28 +318,46 @@ impl<T: Project> WithSimd for Coefficients<'_, T> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { setting, change, out } = self;
-        let padded = setting.padded;
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { setting, change, sums, out } = self;
+        let ranks = setting.padded;
+        let (sums, out) = (&mut sums[..ranks], &mut out[..ranks]);
         out.fill(0.0);
-        let (mut rows, mut values, mut known) = ([0; 4], [0.0; 4], 0);
-        for (p, &cell) in setting.places.cells.iter().enumerate() {
-            let d = change[cell];
-            if d != 0.0 {
-                (rows[known], values[known]) = (p * padded, d);
+        sums.fill([T::default(); LANES]);
+        let mut known = 0;
+        for (panel, blocks) in setting.places.blocks.chunks_exact(BLOCKS).enumerate() {
+            let mut w = [[T::default(); LANES]; BLOCKS];
+            let mut largest = 0.0_f64;
+            for (w, &at) in w.iter_mut().zip(blocks) {
+                let d = load(change, at);
+                *w = each(|l| T::from_f64(d[l]));
+                for l in d {
+                    largest = largest.max(l.abs());
+                }
+            }
+            if largest > 0.0 {
+                T::project(simd, setting.panel(panel, 0..ranks), &w, sums);
                 known += 1;
             }
-            if known == 4 || (known > 0 && p + 1 == setting.places.cells.len()) {
-                values[known..].fill(0.0);
-                let [a, b, c, d] = rows.map(|at| &setting.rows[at..at + padded]);
-                for (k, out) in out.iter_mut().enumerate().take(padded) {
-                    let first = values[1].mul_add(b[k].to_f64(), *out);
-                    let second = values[3].mul_add(d[k].to_f64(), values[2] * c[k].to_f64());
-                    *out = values[0].mul_add(a[k].to_f64(), first) + second;
-                }
+            if known == SUMMED_PANELS {
+                flush(sums, out);
                 known = 0;
             }
         }
+        flush(sums, out);
+    }
+}
+
+/// Adds the lane of each rank to its sum and clears the lane.
+#[inline(always)]
+fn flush<T: Project>(sums: &mut [Lane<T>], out: &mut [f64]) {
+    for (sum, out) in sums.iter_mut().zip(out) {
+        let mut wide = [0.0; LANES];
+        for l in 0..LANES {
+            wide[l] = sum[l].to_f64();
+        }
+        *out += total(&wide);
+        *sum = [T::default(); LANES];
     }
 }
 
@@ -319,7 +374,7 @@ impl<D: Differences<f64>> WithSimd for Variation<'_, D> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> f64 {
         let Self { problem, differences, record } = self;
-        let mut space: Lane<f64> = [0.0; super::lanes::LANES];
+        let mut space: Lane<f64> = [0.0; LANES];
         for &at in differences.group_blocks() {
             let [a, b] = differences.difference(&record.image, at);
             let radius = differences.group_radius(at);
@@ -328,7 +383,7 @@ impl<D: Differences<f64>> WithSimd for Variation<'_, D> {
                 radius[l].mul_add(norm, space[l])
             });
         }
-        let mut time: Lane<f64> = [0.0; super::lanes::LANES];
+        let mut time: Lane<f64> = [0.0; LANES];
         for &at in &problem.exact.places.blocks {
             let (d, radius) = (load(&record.candidate, at), differences.cell_radius(at));
             time = each(|l| radius[l].mul_add(d[l].abs(), time[l]));

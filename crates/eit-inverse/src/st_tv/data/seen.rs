@@ -10,6 +10,8 @@
 
 use super::Compression;
 use crate::st_tv::kernel::dot;
+use faer::Mat;
+use pulp::{Arch, Simd, WithSimd};
 
 /// Data operator `F'` for one set of good channels.
 #[derive(Debug, Clone)]
@@ -203,16 +205,9 @@ impl Seen {
             for (i, (rest, value)) in rest.iter_mut().zip(whitened).enumerate() {
                 *rest = if self.good[i] { value / one } else { 0.0 };
             }
-            // the second pass removes the rounding errors of the first
             values.fill(0.0);
-            for _ in 0..2 {
-                for (k, t) in values.iter_mut().enumerate().take(self.rows) {
-                    let column = compression.left.col(k);
-                    let along: f64 = column.iter().zip(rest.iter()).map(|(u, v)| u * v).sum();
-                    *t += along;
-                    rest.iter_mut().zip(column.iter()).for_each(|(v, u)| *v -= along * u);
-                }
-            }
+            let values = &mut values[..self.rows];
+            Arch::new().dispatch(Project { left: &compression.left, values, rest });
             *rest_squared = rest.iter().map(|v| v * v).sum();
             return;
         }
@@ -284,6 +279,33 @@ fn reflection_of(column: &mut [f64]) -> (f64, f64) {
     column[0] -= head;
     let square: f64 = column.iter().map(|v| v * v).sum();
     (head * largest, 2.0 / square)
+}
+
+/// Computes the coordinates of data along orthonormal columns and the remainder.
+struct Project<'a> {
+    left: &'a Mat<f64>,
+    values: &'a mut [f64],
+    rest: &'a mut [f64],
+}
+
+impl WithSimd for Project<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { left, values, rest } = self;
+        // the second pass removes the rounding errors of the first
+        for _ in 0..2 {
+            for (k, t) in values.iter_mut().enumerate() {
+                let column = left.col_as_slice(k);
+                let along = dot(column, rest);
+                *t += along;
+                for (v, u) in rest.iter_mut().zip(column) {
+                    *v = (-along).mul_add(*u, *v);
+                }
+            }
+        }
+    }
 }
 
 #[cfg(test)]
