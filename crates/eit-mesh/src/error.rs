@@ -111,8 +111,8 @@ pub enum MeshError {
     },
     /// A rim electrode contains an edge that is not on the rim.
     #[error(
-        "electrode {electrode} contains edge {edge:?} at {position_m:?}, which is not on the rim of \
-         the skin"
+        "electrode {electrode} contains edge {edge:?} at {position_m:?}, which is not on the rim \
+         of the skin"
     )]
     NotOnRim {
         /// 1-based electrode number.
@@ -125,7 +125,7 @@ pub enum MeshError {
     /// A patch electrode refers to a triangle that does not exist.
     #[error(
         "electrode {electrode} refers to triangle {triangle}, but the mesh has {triangles} \
-             triangles"
+         triangles"
     )]
     UnknownTriangle {
         /// 1-based electrode number.
@@ -137,8 +137,8 @@ pub enum MeshError {
     },
     /// Two electrodes claim the same edge or triangle (or one electrode claims it twice).
     #[error(
-        "electrodes {first} and {second} overlap on {place}: each edge or triangle belongs to \
-             at most one electrode"
+        "electrodes {first} and {second} overlap on {place}: each edge or triangle belongs to at \
+         most one electrode"
     )]
     OverlappingElements {
         /// 1-based electrode number.

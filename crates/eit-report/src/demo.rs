@@ -237,9 +237,8 @@ fn text(shown: &[Shown], folder: &DemoFolder, seconds: f64) -> String {
         lines.push(format!(
             "{}: {} images, {} false touches ({} of them with no finger on the skin); fingers \
              found in {} of {} cases, position error {:.1} mm; {latency_ms:.1} ms from a frame to \
-             its touches, \
-             {image_ms:.0} ms to its image; the U-net reduces the squared error of images to \
-             {quotient:.2}",
+             its touches, {image_ms:.0} ms to its image; the U-net reduces the squared error of \
+             images to {quotient:.2}",
             experiment.name,
             seen.summary.frames,
             judged.invented,

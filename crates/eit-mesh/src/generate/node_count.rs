@@ -65,8 +65,8 @@ impl MeshSettings {
         }
         if best.0 > 0.1 {
             return out_of_range(
-                "enough for the electrode ends and corners (raise \
-                 electrode_edge_m or grading, or ask for more)",
+                "enough for the electrode ends and corners (raise electrode_edge_m or grading, or \
+                 ask for more)",
             );
         }
         Ok(Self { edge_m: Some(best.1), ..self.clone() })

@@ -24,8 +24,8 @@ fn electrode_number(name: &str) -> Result<Option<usize>, String> {
     match tail.parse::<usize>() {
         Ok(number) if number > 0 && name == format!("electrode_{number}") => Ok(Some(number)),
         _ => Err(format!(
-            "the group \"{name:.60}\" looks like an electrode: name it electrode_N, N from 1 \
-             and without leading zeros"
+            "the group \"{name:.60}\" looks like an electrode: name it electrode_N, N from 1 and \
+             without leading zeros"
         )),
     }
 }
@@ -58,8 +58,8 @@ pub(super) fn electrode_names(
     if let Some(missing) = (1..=names.len()).find(|n| !names.contains_key(n)) {
         let last = names.keys().next_back().copied().unwrap_or(0);
         let problem = format!(
-            "electrode_{missing} is missing, but electrode_{last} exists: number the \
-             electrodes from 1 without gaps"
+            "electrode_{missing} is missing, but electrode_{last} exists: number the electrodes \
+             from 1 without gaps"
         );
         return Err((0, problem));
     }

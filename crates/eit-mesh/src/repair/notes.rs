@@ -59,9 +59,7 @@ impl Repairs {
             (self.dropped_triangles, "collapsed or repeated triangles were dropped".to_owned()),
             (
                 self.turned_triangles,
-                "triangles were oriented against the others and were \
-                                     reversed"
-                    .to_owned(),
+                "triangles were oriented against the others and were reversed".to_owned(),
             ),
         ];
         for (count, what) in counted {

@@ -49,10 +49,10 @@ fn what(shown: &[Shown], files: &[File], model: &LiveModel, nodes: usize, second
     blocks.push(Block::Text(format!(
         "The fabric is simulated on {nodes} nodes, with fingertips that dent it, hysteresis, \
          electrodes that move with the fabric, an uneven weave, drift and an instrument with noise \
-         (docs/FABRIC.md); images are reconstructed on {} nodes. The frames are sent by an emulated \
-         instrument over {}, read by the same driver as a real one, recorded, and turned into \
-         images and touches as they arrive. The reconstruction has no access to the truth. The \
-         whole run took {seconds:.0} s.",
+         (docs/FABRIC.md); images are reconstructed on {} nodes. The frames are sent by an \
+         emulated instrument over {}, read by the same driver as a real one, recorded, and turned \
+         into images and touches as they arrive. The reconstruction has no access to the truth. \
+         The whole run took {seconds:.0} s.",
         model.skin().mesh.surface().nodes().len(),
         lines.first().copied().unwrap_or("nothing"),
     )));
@@ -105,10 +105,10 @@ fn table(shown: &[Shown]) -> Block {
         note: format!(
             "False touches are counted per frame and lie more than 25 mm from every finger; in \
              brackets, those with no finger on the skin at all, to which a robot would react \
-             without cause. \
-             Errors are medians over the frames with a finger. {late} of the missed fingers are in \
-             the first frame of a contact: a faint touch must be detected twice. Rejected images \
-             are U-net images that do not explain the measurements; the raw image is shown instead."
+             without cause. Errors are medians over the frames with a finger. {late} of the missed \
+             fingers are in the first frame of a contact: a faint touch must be detected twice. \
+             Rejected images are U-net images that do not explain the measurements; the raw image \
+             is shown instead."
         ),
     }
 }
