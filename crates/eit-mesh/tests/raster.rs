@@ -1,4 +1,5 @@
-//! Rasters: exact areas, rows that sum to one, conservation, order of accuracy.
+//! Rasters: exact areas, rows that sum to one, conservation, order of accuracy. One file because
+//! all tests share its surfaces.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, missing_docs)]
 // a test may stop at the first failure
 

@@ -125,8 +125,8 @@ fn foreign_table(scored: &[Scored<'_>]) -> Table {
         name: "foreign",
         title: "Frames without a touch, or unlike any in training",
         note: "Blobs per frame as above: on a quiet skin, with a loose electrode and with a cut \
-             (where the conductivity drops) each blob is false; a palm is one touch. Between \
-             touches: frames of the scripts above in which no finger touches."
+               (where the conductivity drops) each blob is false; a palm is one touch. Between \
+               touches: frames of the scripts above in which no finger touches."
             .to_owned(),
         columns: vec!["frames of", "image", "frames", "blobs a frame", "put aside"],
         rows: scored.iter().filter_map(row).collect(),

@@ -41,10 +41,8 @@ const FIGURES: [Figure; 5] = [
 
 /// Returns all tables as Markdown.
 pub(super) fn markdown_of(rows: &[Row], grid: &Grid, note: &str) -> String {
-    let mut text = format!(
-        "# Quality of every method\n\n{note} The best value of each row is in \
-                            bold.\n"
-    );
+    let mut text =
+        format!("# Quality of every method\n\n{note} The best value of each row is in bold.\n");
     for figure in &FIGURES {
         text += &format!("\n## {}\n\nMean over the numbers of touches.\n\n", figure.title);
         text += &table(rows, figure, &["finger", "noise, dB", "speed"], &|row| {
