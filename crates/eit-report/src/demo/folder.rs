@@ -102,11 +102,11 @@ impl DemoFolder {
                 out,
                 "{MARK}\n{skin}\n\
                  [reconstruction]\nmethod = \"st-tv\"\npixels = {pixels}\n\
-                 target_gap = 0.1        # 0.01 costs four times as much, and the images are no \
-                 nearer to the truth\n\n\
+                 target_gap = 0.1        # 0.01 takes four times as long without improving the \
+                 images\n\n\
                  [touch]\n\
-                 drift_time_s = 300.0    # a finger stays for most of a minute: what four seconds of \
-                 quiet show of drift is noise\n\n\
+                 drift_time_s = 300.0    # fingers stay for most of a minute; drift estimated from four \
+                 quiet seconds would be noise\n\n\
                  [denoise]\nweights = \"default\"\nany_skin = {any_skin}\n\n\
                  [instrument]            # eit_hw::emulator\n\
                  driver = \"eits1\"\nframe_rate_hz = {rate_hz:?}"
