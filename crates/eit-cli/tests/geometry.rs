@@ -190,8 +190,8 @@ fn mended_meshes_are_used_and_noted_on_stderr_and_in_json() {
     let notes: Vec<&str> =
         found["mesh_notes"].as_array().unwrap().iter().map(|n| n.as_str().unwrap()).collect();
     assert_eq!(notes.len(), 2, "{notes:?}");
-    assert!(notes[0].contains("1 triangles were collapsed or repeated"), "{notes:?}");
-    assert!(notes[1].contains("1 triangles ran against the others"), "{notes:?}");
+    assert!(notes[0].contains("1 collapsed or repeated triangles were dropped"), "{notes:?}");
+    assert!(notes[1].contains("1 triangles were oriented against the others"), "{notes:?}");
     for note in notes {
         assert!(stderr.contains(&format!("eit: note: {note}")), "{stderr}");
     }

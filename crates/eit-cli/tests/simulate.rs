@@ -126,7 +126,7 @@ fn bad_scripts_and_settings_are_one_line() {
     let run = |scene: &str, script: &str| {
         refuse(&["simulate", scene, "--script", script, "--nodes", "1200", "--out", text(&out)])
     };
-    assert!(run("paper-disc", "dance").contains("known are paper-one-finger"));
+    assert!(run("paper-disc", "dance").contains("known scripts are paper-one-finger"));
     let script = |text: &str| {
         let path = folder.path().join("s.toml");
         std::fs::write(&path, text).unwrap();
