@@ -1,4 +1,4 @@
-//! What is to be expected of a scene's images: as measured on the built-in scene most like it.
+//! Expected quality of a scene's images, as measured on the most similar built-in scene.
 
 use super::machine::Machine;
 use super::measured::{BUDGETS_S, Budget, Measured, Nearest, Table, Wanted, best, nearest, suits};
@@ -9,27 +9,27 @@ use crate::skin::Skin;
 use crate::total_variation::DEFAULT_TARGET_GAP;
 use serde_json::{Value, json};
 
-/// The best within a budget.
+/// The best solver within a budget.
 #[derive(Debug, Clone)]
 struct BestIn {
     budget: Budget,
     row: Option<Measured>,
 }
 
-/// Error, cost, and what would be better for the time a frame may take.
+/// Expected error and cost, and the best solvers for several frame times.
 #[derive(Debug)]
 pub struct Expected {
-    /// The built-in scene most like the skin.
+    /// The built-in scene most similar to the skin.
     pub nearest: Nearest,
-    /// The scene's method there.
+    /// Measurements of the scene's method there.
     pub row: Option<Measured>,
-    /// The best within each budget.
+    /// The best solver within each budget.
     best: Vec<BestIn>,
     machine: Machine,
 }
 
-/// The settings as `frame_time_s` would find them if the user had not yet chosen, and had stated the
-/// noise: bounds and rule stay.
+/// The settings as `frame_time_s` would see them if the user had stated the noise but chosen nothing else;
+/// bounds and hyperparameter rule stay.
 fn open(settings: &StageSettings) -> StageSettings {
     let mut settings = settings.clone();
     let keys = &mut settings.reconstruction;
@@ -39,7 +39,7 @@ fn open(settings: &StageSettings) -> StageSettings {
 }
 
 impl Expected {
-    /// Looks the skin up for a method and so many frames. `voltages` are those of the untouched skin.
+    /// Looks up the skin for a method and number of frames. `voltages` are those of the untouched skin.
     ///
     /// # Errors
     ///
@@ -69,12 +69,12 @@ impl Expected {
         Ok(Self { nearest, row, best, machine: machine.clone() })
     }
 
-    /// Relative error of the images.
+    /// Returns the relative error of the images.
     pub fn error(&self) -> Option<f64> {
         self.row.as_ref().map(|row| row.relative_error)
     }
 
-    /// Lines of the plan.
+    /// Returns lines for the plan.
     pub fn words(&self) -> Vec<String> {
         let Nearest { scene, why } = &self.nearest;
         let mut lines = vec![match &self.row {
@@ -105,7 +105,7 @@ impl Expected {
         lines
     }
 
-    /// For programs.
+    /// Returns the same as JSON.
     pub fn json(&self) -> Value {
         let one = |BestIn { budget: Budget { time_s: budget_s, is_live: live }, row }: &BestIn| {
             json!({

@@ -1,37 +1,37 @@
-//! What a plan leaves out, and why.
+//! What a plan omits, and why.
 
 use super::sequence::Sequence;
 use crate::method::Method;
 use crate::skin::Skin;
 use serde_json::{Value, json};
 
-/// Something that is not done, and why.
+/// Something that is omitted, and the reason.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LeftOut {
-    /// What.
+    /// What is omitted.
     pub what: &'static str,
-    /// Why.
+    /// Reason.
     pub why: String,
 }
 
 impl LeftOut {
-    /// For programs.
+    /// Returns the omission as JSON.
     pub fn json(&self) -> Value {
         json!({"what": self.what, "why": self.why})
     }
 
-    /// A line of the plan.
+    /// Returns a line for the plan.
     pub fn line(&self) -> String {
         format!("  {:<22} {}", self.what, self.why)
     }
 }
 
-/// From pairs of what and why.
+/// Converts pairs of what and why.
 pub(super) fn listed(list: Vec<(&'static str, String)>) -> Vec<LeftOut> {
     list.into_iter().map(|(what, why)| LeftOut { what, why }).collect()
 }
 
-/// What the scene does not use, and why.
+/// Lists what the scene does not use, and why.
 pub fn of(skin: &Skin, method: Method, sequence: Sequence, noise_is_known: bool) -> Vec<LeftOut> {
     let cost = skin.model.cost();
     let patterns = skin.protocol.stimulations_a().nrows();
@@ -80,7 +80,7 @@ pub fn of(skin: &Skin, method: Method, sequence: Sequence, noise_is_known: bool)
     listed(list)
 }
 
-/// What the method leaves out on this scene.
+/// What the method omits on this scene.
 fn of_method(skin: &Skin, method: Method, sequence: Sequence) -> Vec<(&'static str, String)> {
     let keys = &skin.settings.reconstruction;
     let mut list = Vec::new();

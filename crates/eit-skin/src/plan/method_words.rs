@@ -1,11 +1,11 @@
-//! What drives total variation on a scene: noise, bounds, frames.
+//! Describes what determines total variation on a scene: noise, bounds, frames.
 
 use super::sequence::Sequence;
 use crate::method::Method;
 use crate::scene::Delta;
 use crate::skin::Skin;
 
-/// Lines for the plan; none for methods that a hyperparameter drives.
+/// Returns lines for the plan; none for methods with a hyperparameter.
 pub fn of(skin: &Skin, method: Method, sequence: Sequence) -> Vec<String> {
     if !method.is_tv() {
         return Vec::new();
@@ -61,7 +61,7 @@ fn weights(skin: &Skin) -> String {
     }
 }
 
-/// What becomes of the term in time.
+/// Describes the fate of the time term.
 fn coupling(skin: &Skin, method: Method, sequence: Sequence, known: bool) -> String {
     let none = method == Method::Tv || skin.settings.reconstruction.lambda_time == Some(0.0);
     let couples = match sequence {
@@ -82,7 +82,7 @@ fn coupling(skin: &Skin, method: Method, sequence: Sequence, known: bool) -> Str
                 .to_owned()
         }
     };
-    // frames beside the quiet ones may still be alike, which the plan does not look for
+    // frames outside the quiet range may still be equal, which the plan does not check
     let still = "dropped, with one image of the mean, where the frames do not differ from each \
                  other beyond noise (a static scene)";
     if known { format!("{couples}; {still}") } else { couples }

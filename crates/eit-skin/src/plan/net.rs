@@ -1,15 +1,15 @@
-//! What a U-net costs a frame.
+//! Cost of the U-net per frame.
 
 use super::stage::Stage;
 use crate::error::SkinError;
 use crate::skin::Skin;
 
-/// Multiplications and additions a second of the small convolutions, and of the products of the
-/// check, fitted as those of the other stages.
+/// Operations per second of the small convolutions, and of the products of the check, fitted like those of
+/// the other stages.
 const NET_FLOPS_PER_S: f64 = 3.5e10;
 const CHECK_FLOPS_PER_S: f64 = 1e10;
 
-/// Net and check; none without `[denoise]`.
+/// U-net and check; none without `[denoise]`.
 #[cfg(feature = "denoise")]
 pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
     let Some(net) = skin.net()? else { return Ok(Vec::new()) };
@@ -40,7 +40,7 @@ pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
     ])
 }
 
-/// None without the feature.
+/// No stages without the feature.
 #[cfg(not(feature = "denoise"))]
 pub fn of(_: &Skin) -> Result<Vec<Stage>, SkinError> {
     Ok(Vec::new())

@@ -1,4 +1,4 @@
-//! The plan of a scene that stores charge: complex voltages and Jacobian, and no images.
+//! The plan of a reactive scene: complex voltages and Jacobian, but no images.
 
 use super::left_out::{LeftOut, listed};
 use super::{PlanText, machine::Machine, stage_json, stage_lines, stages};
@@ -8,7 +8,7 @@ use crate::reactive::{ReactiveSkin, rounding_warning};
 use eit_fem::AdmittivityReport;
 use serde_json::json;
 
-/// Builds what sizes need, solves once for the phases and the growth, predicts the rest.
+/// Builds what is needed for sizes, solves once for phases and pivot growth, and predicts the rest.
 ///
 /// # Errors
 ///
@@ -48,14 +48,14 @@ pub fn of_reactive(skin: &ReactiveSkin, progress: &mut Progress) -> Result<PlanT
     Ok(PlanText { text: lines.join("\n"), json })
 }
 
-/// How the solve of the untouched skin went.
+/// Report on the solve of the untouched skin.
 fn untouched(skin: &ReactiveSkin) -> Result<AdmittivityReport, SkinError> {
     let background = vec![skin.background; skin.model.elements()];
     let mut workspace = skin.model.workspace()?;
     Ok(skin.model.solve(&background, &mut workspace)?.report())
 }
 
-/// That complex numbers are used, and why.
+/// States that complex numbers are used, and why.
 fn why_complex(skin: &ReactiveSkin) -> String {
     let gamma = skin.background;
     format!(

@@ -1,4 +1,4 @@
-//! What finding touches costs, and what they are held against.
+//! Cost of finding touches.
 
 use super::electrodes;
 use super::machine::Machine;
@@ -7,24 +7,24 @@ use super::stage::{Stage, scale};
 use crate::skin::Skin;
 use eit_inverse::touch::DetectorSettings;
 
-/// Flops a second of the scan over places, which reads a dictionary that no cache of one core holds.
+/// Flops per second of the scan over places, which reads a dictionary larger than any cache of one core.
 const SCAN_FLOPS_PER_S: f64 = 4e9;
-/// Bell and its two derivatives at each element of its reach, seconds a place and element.
+/// Bell and its two derivatives at each element within its reach, seconds per place and element.
 const BELL_S: f64 = 1e-9;
 
-/// Distance of neighbouring bells, part of the skin's longer side (see `UnevenSheet`), and how many of the
-/// squares that spread places are apart have one.
+/// Distance between neighbouring bells as a fraction of the skin's longer side (see `UnevenSheet`), and the
+/// fraction of grid squares that contain a place.
 const BELLS_APART: f64 = 0.06;
 const FILLED: f64 = 0.9;
-/// Sheets that are fitted, one from the other, and factorisations for each.
+/// Number of sheets fitted in sequence, and factorisations for each.
 const SHEETS: f64 = 2.0;
 const TRIALS: f64 = 32.0;
 
-/// The stages of what is done once and with every frame.
+/// Returns the stages of the set-up and of each frame.
 pub fn of(skin: &Skin, machine: &Machine) -> Vec<Stage> {
     let cost = skin.model.cost();
     let (m, n) = (skin.protocol.measurements() as f64, skin.model.elements() as f64);
-    // a measurement and its reciprocal are one
+    // a measurement and its reciprocal count once
     let rows = cost.field_products as f64;
     let surface = skin.mesh.surface();
     let settings = DetectorSettings::with_least(1.0);
