@@ -1,6 +1,6 @@
-//! Checks that need the scene alone: numbers in range, keys that would be ignored.
+//! Checks that only need the scene: ranges of numbers, and keys that would be ignored.
 //!
-//! Shapes, electrodes and protocols are checked by the crates that build them.
+//! The crates that build shapes, electrodes and protocols check those.
 
 use super::{
     Delta, ElementKind, Hyperparameter, PriorKind, RequiredAccuracyKey, Rule, Scene, Shape,
@@ -8,15 +8,15 @@ use super::{
 use crate::error::SkinError;
 use crate::method::Method;
 
-/// Most pixels along the longer side: 16 million pixels an image.
+/// Maximum number of pixels along the longer side: 16 million pixels per image.
 const MOST_PIXELS: usize = 4096;
-/// Most electrodes: adjacent patterns of so many are 4.2 million measurements.
+/// Maximum number of electrodes: adjacent patterns then give 4.2 million measurements.
 const MOST_ELECTRODES: usize = 2048;
-/// Most nodes of a mesh, which takes some 30 GB to solve.
+/// Maximum number of mesh nodes; solving takes some 30 GB.
 const MOST_NODES: usize = 20_000_000;
 
 impl Scene {
-    /// Refuses what cannot be, and what would silently have no effect.
+    /// Rejects invalid settings, and settings that would silently have no effect.
     pub(crate) fn check(&self) -> Result<(), SkinError> {
         self.check_numbers()
             .and_then(|()| self.check_tv())
@@ -28,12 +28,12 @@ impl Scene {
             .map_err(|e| e.within(&self.place))
     }
 
-    /// Rejects settings of the stages behind the model that cannot work, before any work: touches,
-    /// method, weights of a net.
+    /// Rejects invalid settings of the stages after the model (touches, method, weights of a U-net) before
+    /// any work.
     ///
     /// # Errors
     ///
-    /// The value and its key.
+    /// An invalid setting; the message names key and value.
     pub fn check_stages(&self) -> Result<(), SkinError> {
         let settings = self.stage_settings();
         settings.touch.validate().map_err(|e| e.within(&self.place))?;
@@ -49,7 +49,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Electrodes that move, and what cannot be together with them.
+    /// Rejects settings that are incompatible with electrode movement.
     fn check_movement(&self) -> Result<(), SkinError> {
         if self.reconstruction.electrode_movement_m.is_none() {
             return Ok(());
@@ -67,7 +67,7 @@ impl Scene {
         Err(SkinError::input(format!("reconstruction.electrode_movement_m and {why}")))
     }
 
-    /// Refuses electrodes that move where nets learn or clean images.
+    /// Rejects electrode movement for commands that train or apply a U-net.
     pub fn refuse_movement(&self, command: &str) -> Result<(), SkinError> {
         if self.reconstruction.electrode_movement_m.is_none() {
             return Ok(());
@@ -141,7 +141,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Numbers of the total variation methods that are not simply positive.
+    /// Checks numbers of the total variation methods that may be zero, or whose range is bounded.
     fn check_tv(&self) -> Result<(), SkinError> {
         let image = &self.reconstruction;
         let delta = match image.delta {
@@ -179,7 +179,7 @@ impl Scene {
         Ok(())
     }
 
-    /// The method must exist and must read the keys that are set for one.
+    /// Checks that the method exists and reads the method-specific keys that are set.
     fn check_method(&self) -> Result<(), SkinError> {
         let image = &self.reconstruction;
         let (mut of_tv, mut of_others) = (image.keys_of_tv(), image.keys_of_gauss_newton());
@@ -208,7 +208,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Keys that exclude each other, and keys that need another one.
+    /// Checks keys that exclude each other, and keys that need another one.
     fn check_company(&self) -> Result<(), SkinError> {
         let (protocol, electrodes, image) =
             (&self.protocol, &self.electrodes, &self.reconstruction);
@@ -221,7 +221,7 @@ impl Scene {
         let positions = ("electrodes.positions_m", electrodes.positions_m.is_some());
         let angle = ("electrodes.first_angle_deg", electrodes.first_angle_deg.is_some());
         let file = ("skin.shape = \"mesh\"", skin.shape == Shape::Mesh);
-        // a file that brings its electrodes is taken as it is
+        // a file with electrodes is used unchanged
         let own = ("skin.shape = \"mesh\" without positions_m", file.1 && !positions.1);
         let radius = ("electrodes.radius_m", electrodes.radius_m.is_some());
         let accuracy = ("mesh.required_accuracy", mesh.required_accuracy.is_some());
@@ -294,7 +294,7 @@ impl Scene {
             (("skin.scale_m", skin.scale_m.is_some()), file),
             (radius, positions),
             (
-                // 0 says that there is no time term, whatever the weight in space
+                // 0 disables the time term, whatever the weight in space
                 (
                     "reconstruction.lambda_time",
                     image.lambda_time.is_some_and(|weight| weight != 0.0),

@@ -1,4 +1,4 @@
-//! Whether a scene stores charge, and its complex admittivity and contacts.
+//! Determines whether a scene is reactive, with its complex admittivity and contacts.
 
 use super::{ElementKind, OneOrMany, Scene};
 use crate::error::SkinError;
@@ -7,7 +7,7 @@ use eit_fem::{Complex64, admittivity};
 const CONTACT: &str = "electrodes.contact_capacitance_f_per_m";
 
 impl Scene {
-    /// Whether a capacitance of the scene carries current at its frequency. Where none does, nothing
+    /// Returns whether a capacitance of the scene carries current at its frequency. If none does, nothing
     /// complex is built or computed.
     pub fn is_reactive(&self) -> bool {
         let mut capacitances =
@@ -15,7 +15,7 @@ impl Scene {
         self.frequency_hz() > 0.0 && capacitances.any(|c| c > 0.0)
     }
 
-    /// Why nothing of the scene is complex; for scenes of which [`Scene::is_reactive`] is false.
+    /// Returns why the scene needs no complex numbers, if [`Scene::is_reactive`] is false.
     pub fn why_real(&self) -> &'static str {
         let keys = (&self.skin.sheet_capacitance_f, &self.electrodes.contact_capacitance_f_per_m);
         match keys {
@@ -24,12 +24,13 @@ impl Scene {
         }
     }
 
-    /// Hertz; zero where the scene states none.
+    /// Returns the frequency in hertz; zero if the scene states none.
     pub fn frequency_hz(&self) -> f64 {
         self.protocol.frequency_hz.unwrap_or(0.0)
     }
 
-    /// Admittivity of a sheet of this conductivity and the scene's permittivity, siemens per square.
+    /// Returns the admittivity of a sheet with this conductivity and the scene's capacitance, siemens per
+    /// square.
     pub fn admittivity_of(&self, conductivity_s: f64) -> Complex64 {
         admittivity(
             conductivity_s,
@@ -38,7 +39,7 @@ impl Scene {
         )
     }
 
-    /// Contact impedance of each electrode: resistance and capacitance in parallel.
+    /// Returns the contact impedance of each electrode: resistance and capacitance in parallel.
     pub fn complex_contact_impedance(
         &self,
         electrodes: usize,
@@ -63,7 +64,7 @@ impl Scene {
         resistances.iter().zip(capacitances_f).enumerate().map(contact).collect()
     }
 
-    /// Contacts that a model cannot be made with, before anything is meshed.
+    /// Rejects contacts that no model can be built with, before meshing.
     pub fn check_contacts(&self, electrodes: usize) -> Result<(), SkinError> {
         match self.is_reactive() {
             true => self.complex_contact_impedance(electrodes).map(drop),
@@ -71,7 +72,7 @@ impl Scene {
         }
     }
 
-    /// Refuses a scene that stores charge, for commands that know conductivity only.
+    /// Rejects a reactive scene, for commands that only support conductivity.
     pub fn refuse_reactive(&self) -> Result<(), SkinError> {
         if !self.is_reactive() {
             return Ok(());
@@ -84,7 +85,7 @@ impl Scene {
         )))
     }
 
-    /// Capacitances and frequency in range, and elements that know them.
+    /// Checks the ranges of capacitances and frequency, and that mesh settings support reactive skins.
     pub fn check_reactive(&self) -> Result<(), SkinError> {
         let values = self.contact_capacitances().map(|c| (CONTACT, c));
         let values = values
