@@ -11,7 +11,6 @@
 //!
 //! | file | holds |
 //! |---|---|
-//!
 //! | `table.rs`, `presses.rs` | the table of presses, and the frames that it names |
 //! | `touched.rs` | rejection of presses that their frames do not show |
 //! | `earlier.rs` | merging presses of an earlier file with new ones |

@@ -1,4 +1,4 @@
-//! `eit check`: is the instrument fit for use, and what to try where it is not.
+//! `eit check`: whether the instrument is ready for use, and what to try if not.
 
 use super::{Answer, Ended, FAULTY};
 use crate::cli::CheckArgs;
@@ -13,7 +13,7 @@ use eit_skin::{connect, health};
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// Takes quiet frames and judges them.
+/// Takes frames of the untouched skin and judges them.
 pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
     if !(args.seconds > 0.0 && args.seconds <= 3600.0) {
         let message = format!("--seconds {}: it must be above 0, to 3600", args.seconds);
@@ -121,7 +121,7 @@ fn to_json(
         .map(|finding| {
             json!({
                 "severity": severity(finding.severity),
-                // as people count, like in the text
+                // numbered from 1, as in the text
                 "electrode": finding.electrode.map(|electrode| electrode + 1),
                 "what": finding.to_string(),
                 "try": finding.advice(),
