@@ -1,4 +1,4 @@
-//! `eit devices`: serial ports, and who answers on the scene's.
+//! `eit devices`: lists serial ports, or identifies the scene's instrument.
 
 use super::Answer;
 use crate::cli::DevicesArgs;
@@ -6,7 +6,7 @@ use crate::error::CliError;
 use eit_skin::scene::Scene;
 use serde_json::{Value, json};
 
-/// Lists the ports; with a scene, asks its instrument who it is.
+/// Lists the ports or, with a scene, identifies its instrument.
 pub(crate) fn run(args: &DevicesArgs) -> Result<Answer, CliError> {
     if let Some(scene) = &args.scene {
         return ask(&Scene::load(scene)?, args.port.as_deref());

@@ -1,4 +1,4 @@
-//! `eit record`: a live instrument into a crash-safe recording.
+//! `eit record`: records a live instrument to a crash-safe file.
 
 use super::electrode_watch::ElectrodeWatch;
 use super::frame_rate::FrameRate;
@@ -18,10 +18,10 @@ use std::time::{Duration, Instant};
 
 /// How often to check for shutdown.
 const WAIT: Duration = Duration::from_millis(50);
-/// A silence at the start is shown from here on; others once the session tells them.
+/// Silence at the start from which it is shown; later silences are reported by the session.
 const TOLD_SILENCE: Duration = Duration::from_millis(500);
 
-/// Records until enough frames came, the time is over, or Ctrl-C.
+/// Records until enough frames arrived, the time is over, or Ctrl-C.
 pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let limit = duration(args.seconds)?;
     super::check_frames(args.frames)?;
@@ -43,7 +43,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     let record = connect::session_record(&scene.to_toml()?, &instrument, &session);
     let bytes_before = std::fs::metadata(place).map_or(0, |data| data.len());
     let settings = CaptureSettings { sync: args.sync, ..CaptureSettings::default() };
-    // decided once: what another recorder makes meanwhile is not gone on with
+    // decide once: never append to a file that another recorder creates meanwhile
     let mut writer = match args.append && place.exists() {
         true => CaptureWriter::append(place, &record, settings)?,
         false => CaptureWriter::create(place, &record, settings).map_err(unwritable)?,
@@ -89,7 +89,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     });
     session.stop();
     let interrupted = ended.map_err(|error| stopped(error, place, taken.frames))?;
-    // what had come before the end
+    // events that arrived before the end
     while taken.frames < args.frames.unwrap_or(u64::MAX)
         && taken
             .next(&session, &mut writer, Duration::ZERO, &mut |words| progress.note(words))
@@ -103,12 +103,12 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     Ok(Ended { answer, exit_code })
 }
 
-/// A place that cannot be written to is bad input, other than a disk that gets full.
+/// A place that cannot be written to is invalid input, unlike a full disk.
 fn unwritable(error: eit_hw::HwError) -> CliError {
     CliError::input(error.to_string())
 }
 
-/// `--seconds` as a time.
+/// Converts `--seconds` to a duration.
 pub(super) fn duration(seconds: Option<f64>) -> Result<Option<Duration>, CliError> {
     let time = |s: f64| Duration::try_from_secs_f64(s).ok().filter(|time| !time.is_zero());
     match seconds.map(time) {
@@ -126,19 +126,19 @@ struct Taken {
     frames: u64,
     notes: u64,
     rate: FrameRate,
-    /// Since when no frame has come, once that was told; also before the first.
+    /// Time since when no frame has arrived, once reported; also set before the first frame.
     silent_since: Option<Instant>,
     electrodes: ElectrodeWatch,
 }
 
 impl Taken {
-    /// What is seen while it is recorded.
+    /// Status shown during a recording.
     fn progress(&self, lost: u64) -> String {
         let rate = self.rate.recent_hz().map_or(String::new(), |hz| format!(", {hz:.1} a second"));
         format!("{} frames{rate}, {lost} lost; Ctrl-C ends it", self.frames)
     }
 
-    /// Waits for an event and records it; false where none came.
+    /// Waits for an event and records it; returns false if there was none.
     fn next(
         &mut self,
         session: &Session,
@@ -184,12 +184,12 @@ impl Taken {
     }
 }
 
-/// Whether people are told at once.
+/// Whether to tell the user at once.
 pub(super) fn is_news(event: &Event) -> bool {
     matches!(event, Event::Silent { .. } | Event::Disconnected { .. } | Event::Reconnected { .. })
 }
 
-/// What went wrong, and what is left of the recording.
+/// Describes what went wrong, and what the recording contains.
 fn stopped(error: CliError, place: &Path, frames: u64) -> CliError {
     let left = match eit_hw::capture::CaptureReader::open(place) {
         Ok(mut reader) => {
@@ -204,7 +204,7 @@ fn stopped(error: CliError, place: &Path, frames: u64) -> CliError {
     CliError::Failure(format!("the recording has stopped: {error}; {left}"))
 }
 
-/// Silences in words.
+/// Describes periods of silence.
 pub(super) fn silence(silent_s: f64, ended_silent: bool) -> String {
     let mut words = String::new();
     if silent_s > 0.0 {

@@ -1,4 +1,4 @@
-//! `eit recover`: what is whole of a damaged recording, as a new one.
+//! `eit recover`: writes the intact parts of a damaged recording to a new one.
 
 use super::{Answer, check_ending};
 use crate::cli::RecoverArgs;
@@ -8,7 +8,7 @@ use eit_hw::capture::{Damage, Recovered, recover};
 use serde_json::json;
 use std::io::ErrorKind::StorageFull;
 
-/// Writes the new recording and says what is missing in it.
+/// Writes the new recording and reports what is missing.
 pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
     check_ending(&args.out, &["mcap"])?;
     if args.out.exists() {
@@ -18,7 +18,7 @@ pub(crate) fn run(args: &RecoverArgs) -> Result<Answer, CliError> {
         )));
     }
     let recovered = recover(&args.input, &args.out).map_err(|error| match error {
-        // a place where no file can be made is bad input, other than a disk that gets full
+        // a place where no file can be created is invalid input, unlike a full disk
         HwError::Write { ref source, .. } if source.kind() != StorageFull => {
             CliError::input(error.to_string())
         }

@@ -1,23 +1,23 @@
-//! Questions at a terminal; elsewhere a missing answer is an error that names its flag.
+//! Asks questions on a terminal; elsewhere a missing answer is an error that names its flag.
 
 use crate::cli::ShapeArg;
 use crate::error::CliError;
 use std::io::{BufRead as _, IsTerminal as _, Write as _};
 
-/// Asks on stderr, so that stdout holds the answer alone.
+/// Asks on stderr, so that stdout only contains the answer.
 pub(super) struct Questions {
     is_terminal: bool,
     is_quiet: bool,
 }
 
 impl Questions {
-    /// `is_quiet`: nothing but errors and the answer is wanted.
+    /// `is_quiet`: only print errors and the answer.
     pub(super) fn new(is_quiet: bool) -> Self {
         let is_terminal = std::io::stdin().is_terminal() && std::io::stderr().is_terminal();
         Self { is_terminal, is_quiet }
     }
 
-    /// Tells what to do next.
+    /// Tells the user what to do next.
     pub(super) fn say(&self, text: &str) {
         if !self.is_quiet {
             eprintln!("{}", eit_skin::words::printable(text));

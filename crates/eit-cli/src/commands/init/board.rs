@@ -1,4 +1,4 @@
-//! What a board tells: its protocol by what it prints.
+//! Determines a board's protocol from what it prints.
 
 use super::ask::Questions;
 use super::presses;
@@ -12,12 +12,12 @@ use eit_hw::driver::{Heard, listen};
 use eit_skin::first_scene::{FirstScene, FittingProtocol, fitting_protocols};
 use std::time::Duration;
 
-/// How long a board is listened to that prints text and no two frames in the first seconds.
+/// Listening time for a board that prints text, but fewer than two frames in the first seconds.
 const SLOW: Duration = Duration::from_secs(15);
-/// More of this in the bytes is no text.
+/// Fraction of binary bytes above which the output is not text.
 const BINARY: f64 = 0.1;
 
-/// Listens, finds what fits, and asks for presses.
+/// Listens, finds matching protocols, and asks for presses.
 pub(super) fn find(
     args: &InitArgs,
     port: &str,
@@ -32,7 +32,7 @@ pub(super) fn find(
         progress.stage("listen", || listen(&endpoint, Duration::from_secs_f64(args.listen_s)));
     let mut heard = heard?;
     if heard.frame_lines < 2 && heard.bytes > 0 && heard.binary_share <= BINARY {
-        // a line may take a second and more
+        // a line may take a second or more
         questions.say(&format!("a slow board: listening for {} s more", SLOW.as_secs()));
         heard = progress.stage("listen", || listen(&endpoint, SLOW))?;
     }
@@ -51,8 +51,8 @@ pub(super) fn find(
     Ok(found)
 }
 
-/// A board that prints lines of numbers: which protocol has so many, in which order. The others that fit
-/// as well.
+/// Finds the protocol and order for a board that prints lines of numbers; returns the other protocols that
+/// match as well.
 fn text_board(
     heard: &Heard,
     first: &mut FirstScene,
@@ -113,7 +113,7 @@ pub(super) fn words(fit: &FittingProtocol) -> String {
     )
 }
 
-/// Why no protocol fits, with the numbers of electrodes that would.
+/// Explains why no protocol matches, with the numbers of electrodes that would.
 fn no_protocol(values: usize, mean: &[f64], first: &FirstScene) -> CliError {
     let others = fitting_protocols(mean, first.outline, None).unwrap_or_default();
     let mut counts: Vec<usize> = others.iter().map(|fit| fit.protocol.electrodes).collect();
@@ -131,7 +131,7 @@ fn no_protocol(values: usize, mean: &[f64], first: &FirstScene) -> CliError {
     ))
 }
 
-/// A board that prints no lines of numbers: one that waits to be asked, by EITS-1, or none.
+/// Handles a board that prints no lines of numbers: it may be waiting for a request by EITS-1.
 fn other_board(
     port: &str,
     heard: &Heard,

@@ -1,4 +1,4 @@
-//! The numbering of the electrodes, from two presses.
+//! Determines the electrode numbering from two presses.
 
 use super::ask::Questions;
 use super::board::words;
@@ -13,15 +13,15 @@ use eit_skin::first_scene::{
 use eit_skin::scene::{Direction, TouchSign};
 use std::time::{Duration, Instant};
 
-/// Frames of the untouched skin, at least and over this time.
+/// Minimum number of frames of the untouched skin, and minimum time.
 const UNTOUCHED_FRAMES: usize = 8;
 const UNTOUCHED_S: f64 = 2.0;
-/// How long a press must be held, seconds.
+/// Time for which a press must be held, seconds.
 const HOLD_S: f64 = 0.5;
-/// Longest wait for those frames: a slow board takes two seconds for one.
+/// Maximum wait for those frames: a slow board takes two seconds per frame.
 const FRAMES_WAIT: Duration = Duration::from_secs(30);
 
-/// Which electrode is the first, from two presses.
+/// Determines from two presses which electrode is the first.
 pub(super) fn find(
     args: &InitArgs,
     first: &mut FirstScene,
@@ -59,7 +59,7 @@ pub(super) fn find(
     }
     session.stop();
     let mut numbering = find_numbering(first, &reference, &presses)?;
-    // protocols that the untouched skin does not tell apart: the presses do
+    // the presses distinguish protocols that the untouched skin does not
     for rival in rivals {
         let other = FirstScene { protocol: rival.protocol.clone(), ..first.clone() };
         let of_other = find_numbering(&other, &reference, &presses)?;
@@ -107,7 +107,7 @@ pub(super) fn find(
     Ok(())
 }
 
-/// Frames of the untouched skin, and their rate in hertz.
+/// Takes frames of the untouched skin; returns them with their rate in hertz.
 fn untouched(session: &mut Session) -> Result<(Vec<Vec<f64>>, f64), CliError> {
     let (start, mut frames, mut first) = (Instant::now(), Vec::new(), None::<Instant>);
     while first.is_none_or(|first| {
@@ -131,7 +131,7 @@ fn untouched(session: &mut Session) -> Result<(Vec<Vec<f64>>, f64), CliError> {
     Ok((frames, rate_hz))
 }
 
-/// The change of the next press that is held; `None` where none came in time.
+/// Waits for the next press that is held and returns its change; `None` if there was none in time.
 fn held(
     session: &mut Session,
     watch: &mut PressWatch,
@@ -162,7 +162,7 @@ fn released(session: &mut Session, watch: &mut PressWatch, wait: Duration) -> Re
     Err(CliError::Failure(message))
 }
 
-/// The next frame, where one came.
+/// Returns the next frame, if one arrived.
 fn next(session: &mut Session) -> Result<Option<Vec<f64>>, CliError> {
     match session.next_event(Duration::from_millis(100))? {
         Some(Event::Frame(frame)) => {

@@ -1,4 +1,4 @@
-//! What `eit learn` says.
+//! The answer of `eit learn`.
 
 use super::{Found, outputs};
 use crate::cli::LearnArgs;
@@ -7,12 +7,12 @@ use eit_skin::Progress;
 use eit_skin::learn::{CurvePoint, LearnedSkin, Learning, PlaceErrors, PressFrames};
 use serde_json::{Value, json};
 
-/// As text and as JSON.
+/// The answer as text and as JSON.
 pub(super) fn answer(args: &LearnArgs, found: &Found, progress: &Progress) -> Answer {
     Answer { text: text(args, found), json: to_json(args, found, progress) }
 }
 
-/// Presses that somebody should look at, by their lines.
+/// Notes about presses that should be checked, by their lines.
 pub(super) fn notes(learning: &Learning, pressed: &PressFrames) -> Vec<String> {
     let unlike = learning.unlike.iter().map(|unlike| {
         format!(
@@ -90,7 +90,7 @@ fn text(args: &LearnArgs, found: &Found) -> String {
     lines.join("\n")
 }
 
-/// Why no force was learnt.
+/// Explains why no force was learnt.
 fn without_force(learned: &LearnedSkin, without_touch: usize) -> String {
     let stated = learned.forces_n.iter().flatten().count();
     match without_touch {
@@ -102,7 +102,7 @@ fn without_force(learned: &LearnedSkin, without_touch: usize) -> String {
     }
 }
 
-/// What a point of the curve was learnt from.
+/// Describes what a point of the curve was learnt from.
 fn learnt(point: &CurvePoint) -> String {
     match (point.earlier, point.learnt - point.earlier) {
         (0, new) => format!("the first {new} presses in time"),
