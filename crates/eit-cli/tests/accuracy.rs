@@ -160,10 +160,13 @@ fn keys_that_contradict_each_other_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let plan = |lines: &str| refuse(&["plan", text(&write_scene(folder.path(), &meshed(lines)))]);
     for (lines, wanted) in [
-        ("required_accuracy = 0.0", "mesh.required_accuracy is 0: a part of the largest voltage"),
+        (
+            "required_accuracy = 0.0",
+            "mesh.required_accuracy is 0: a fraction of the largest voltage",
+        ),
         ("required_accuracy = 1.5", "mesh.required_accuracy is 1.5"),
         ("required_accuracy = nan", "mesh.required_accuracy is NaN"),
-        ("required_accuracy = \"loud\"", "a part of the largest voltage, or \"noise\""),
+        ("required_accuracy = \"loud\"", "a fraction of the largest voltage, or \"noise\""),
         ("required_accuracy = \"noise\"", "noise.additive_v is missing"),
         ("required_accuracy = 1e-3\nnodes = 500", "exclude each other"),
         ("required_accuracy = 1e-3\nedge_m = 0.01", "exclude each other"),

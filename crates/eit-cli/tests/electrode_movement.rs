@@ -181,7 +181,7 @@ fn what_cannot_be_together_is_refused() {
     assert!(says.contains("electrode_movement_m is -1: it must be finite and above"), "{says}");
     let absolute = format!("method = \"gauss-newton-absolute\"\n{KEY}");
     let says = refuse(&["plan", text(&key(&absolute))]);
-    assert!(says.contains("movement is taken out of differences"), "{says}");
+    assert!(says.contains("movement is removed from differences"), "{says}");
     let quadratic = SMALL.replace("[mesh]", "[mesh]\nelements = \"quadratic\"");
     let scene = write_scene(folder.path(), &with(&quadratic, KEY));
     let says = refuse(&["plan", text(&scene)]);

@@ -220,7 +220,7 @@ fn what_a_scene_gets_wrong_about_geometry_is_refused() {
     for (from, to, says) in [
         ("radius_m = [0.0", "radius_m = [0.01", "electrode 1: width_m 0.01 and radius_m 0.01"),
         ("[0.040000, 0.000000, 0]", "[0.05, 0.0]", "electrode 1 at [0.05, 0.0, 0.0]"),
-        ("[0.040000, 0.000000, 0]", "[0.05]", "1 values where two or three"),
+        ("[0.040000, 0.000000, 0]", "[0.05]", "1 values instead of two or three"),
         ("positions_m", "count = 3\npositions_m", "electrodes.count"),
         ("radius_m = [0.0", "radius_m = [0.0, 0.0", "17 values for 16 electrodes"),
         ("[0.040000, 0.000000, 0.05]", "[0.040000, 0.000000, 0.001]", "electrode 9"),

@@ -121,7 +121,7 @@ fn presses_become_newtons() {
     std::fs::write(&learned, bytes.replacen("\"version\":1", "\"version\":7", 1)).unwrap();
     assert!(reconstruct(&named).contains("version 7 of the format"));
     std::fs::write(&learned, "x_m,y_m\n").unwrap();
-    assert!(reconstruct(&named).contains("no file of `eit learn`"));
+    assert!(reconstruct(&named).contains("not a file of `eit learn`"));
 }
 
 #[test]

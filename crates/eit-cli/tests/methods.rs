@@ -368,7 +368,7 @@ fn touches_are_written_where_the_noise_is_known() {
         ("least_strength_m2 = -1.0", "touch.least_strength_m2"),
         ("birth_frames = 0", "birth_frames"),
         // of earlier versions
-        ("false_alarms_per_hour = 1.0", "has gone"),
+        ("false_alarms_per_hour = 1.0", "was removed"),
         ("birth_hits = 2", "birth_frames"),
         ("max_touch = 1", "max_touches"),
     ] {
@@ -434,7 +434,7 @@ fn plan_tells_the_method_and_why() {
     let told = plan(&format!("{noise}[reconstruction]\nlambda_time = 0.0\n"), &[]);
     assert!(told.contains("time term: none") && !told.contains("couples"), "{told}");
     for method in METHODS {
-        assert!(plan("", &["--method", method]).contains(&format!("method {method}: asked for")));
+        assert!(plan("", &["--method", method]).contains(&format!("method {method}: requested")));
     }
 }
 

@@ -36,7 +36,7 @@ pub fn open(
         | HwError::MissingMeasurement { .. }
         | HwError::MissingElectrode { .. }
         | HwError::CountMismatch { .. } => SkinError::input(format!(
-            "the protocol of {} is not what the instrument \"{}\" measures: {error}",
+            "the protocol of {} does not match what the instrument \"{}\" measures: {error}",
             instrument.place,
             instrument.driver_name()
         )),

@@ -189,8 +189,8 @@ fn from_file(
 
 fn mismatch(skin: &Skin, instrument: &Instrument, why: &str) -> SkinError {
     SkinError::input(format!(
-        "the protocol of {} is not what the instrument \"{}\" measures: {why}; change [protocol] or \
-         instrument.driver",
+        "the protocol of {} does not match what the instrument \"{}\" measures: {why}; change \
+         [protocol] or instrument.driver",
         skin.place,
         instrument.driver_name()
     ))

@@ -54,7 +54,9 @@ pub enum SkinError {
         why: String,
     },
     /// A list with the wrong length for the number of electrodes.
-    #[error("{key} has {found} values for {electrodes} electrodes: give one number or one each")]
+    #[error(
+        "{key} has {found} values for {electrodes} electrodes: give one number, or one per electrode"
+    )]
     WrongCount {
         /// Key of the scene.
         key: String,
@@ -116,7 +118,7 @@ pub enum SkinError {
     #[error(
         "no digit of the voltages is certain: conductances on this skin span {decades:.0} decades \
          (contact impedances times conductivity against element size, or contrast); bring them \
-         nearer to each other"
+         closer together"
     )]
     NoCertainDigit {
         /// Powers of ten between the smallest and the largest conductance.

@@ -44,7 +44,7 @@ impl FaultKind {
     pub fn words(self) -> &'static str {
         match self {
             Self::Contradicts => "contradicts the others: open, shorted or noisy",
-            Self::Stuck => "is stuck: its measurements repeat themselves",
+            Self::Stuck => "is stuck: its measurements repeat exactly",
             Self::Drifts => "drifts: its contact gets worse",
             Self::Flagged => "is flagged by the instrument",
         }
@@ -66,7 +66,7 @@ impl ElectrodeFault {
     /// Describes the fault for people; electrodes are numbered from 1.
     pub fn words(&self) -> String {
         let Self { electrode, kind, since_s } = self;
-        format!("electrode {} {}; left out from {since_s:.2} s on", electrode + 1, kind.words())
+        format!("electrode {} {}; excluded from {since_s:.2} s on", electrode + 1, kind.words())
     }
 
     /// Returns the fault as JSON; electrodes are numbered from 1.

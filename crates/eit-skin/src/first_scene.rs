@@ -177,8 +177,8 @@ impl FirstScene {
         };
         text += &format!(
             "[skin]\n{shape}\n\
-             # nobody has measured the sheet. Touches and normalised images are relative to it, so the\n\
-             # paper's value serves; `eit calibrate` fits it where absolute images are wanted\n\
+             # the sheet was not measured. Touches and normalised images are relative to it, so the\n\
+             # paper's value suffices; `eit calibrate` fits it if absolute images are needed\n\
              conductivity_s = {CONDUCTIVITY_S:e}\n\n\
              [electrodes]                   # equally spaced along the rim\n\
              count = {}\n\

@@ -164,9 +164,9 @@ impl LearnedSkin {
             return Ok(());
         }
         Err(SkinError::input(format!(
-            "learnt on another skin: shape, electrodes and protocol have the checksum {} and {} \
-             measurements, those of {} {} and {measurements}; learn anew, or take the scene that it \
-             was learnt with",
+            "learnt on another skin: its shape, electrodes and protocol have the checksum {} and {} \
+             measurements, those of {} have {} and {measurements}; learn again, or use the scene that \
+             it was learnt with",
             self.fingerprint, self.measurements, skin.skin.place, skin.skin.fingerprint,
         )))
     }

@@ -95,11 +95,11 @@ pub fn choose(
     let keys = &settings.reconstruction;
     let taken = |method, why| Ok(MethodChoice { method, why });
     if let Some(name) = flag {
-        return taken(Method::parse("--method", name)?, "asked for");
+        return taken(Method::parse("--method", name)?, "requested");
     }
     if let Some(name) = &keys.method {
         let why = match keys.is_chosen_in_time {
-            true => "the least error within frame_time_s",
+            true => "the smallest error within frame_time_s",
             false => "stated in the scene",
         };
         return taken(Method::parse("reconstruction.method", name)?, why);
@@ -112,8 +112,8 @@ pub fn choose(
     match (total_variation, noise, frames) {
         (false, false, _) => taken(
             Method::GaussNewton,
-            "the scene states no noise ([noise] additive_v or quiet_frames), which the weights of \
-             st-tv follow from",
+            "the scene states no noise ([noise] additive_v or quiet_frames), from which the weights of \
+             st-tv follow",
         ),
         (_, _, Some(1)) => taken(Method::Tv, "one frame: nothing to couple in time"),
         (true, ..) => taken(Method::StTv, "the scene sets its keys"),

@@ -130,8 +130,8 @@ impl FittedFrames {
         if method == Method::GaussNewtonAbsolute {
             return Err(SkinError::input(
                 "gauss-newton-absolute and reconstruction.electrode_movement_m exclude each other: \
-                 movement is taken out of differences, before a linear method; take another method, \
-                 or the key out",
+                 movement is removed from differences before a linear method; use another method, \
+                 or remove the key",
             ));
         }
         let Some(noise) = self.noise()? else {
@@ -153,9 +153,9 @@ impl FittedFrames {
             let Some(TakenOut { error, side, linearised }) = taken else { return Ok(None) };
             let given = side.kept_variance().iter().map(|kept| 1.0 - kept).sum::<f64>();
             let mut line =
-                format!("{}: {given:.1} directions of the data go to that", words(movement_m));
+                format!("{}: this takes {given:.1} directions of the data", words(movement_m));
             if error > 1.0 {
-                line += &format!(", weighed against {error:.0} times the noise");
+                line += &format!(", weighted against {error:.0} times the noise");
             }
             let White { frames, note } =
                 whitened(&self.frames, self.skin.difference_kind(), &side)?;
@@ -220,8 +220,8 @@ fn whitened(
     if clean.is_empty() {
         return Err(SkinError::input(format!(
             "none of {count} frames is good in every used measurement, and \
-             reconstruction.electrode_movement_m mixes measurements: take it out of the scene, or \
-             the bad ones out of the protocol"
+             reconstruction.electrode_movement_m mixes measurements: remove it from the scene, or \
+             the bad measurements from the protocol"
         )));
     }
     let differences = frames.differences(kind);

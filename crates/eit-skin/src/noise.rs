@@ -37,7 +37,7 @@ impl DataNoise {
         Self {
             std: vec![1.0; frames.used.len()],
             reference_frames: frames.reference_frames.max(1),
-            source: "that of the frames, with the movement of electrodes".to_owned(),
+            source: "that of the frames, including electrode movement".to_owned(),
             model_error: 1.0,
         }
     }

@@ -94,7 +94,7 @@ pub(crate) fn choose(
     if needs_data && clean.is_empty() {
         return Err(SkinError::input(
             "the hyperparameter is chosen from the data, but no frame is good in every used \
-             measurement: take hyperparameter = \"noise-figure\" or a number",
+             measurement: set hyperparameter = \"noise-figure\" or a number",
         ));
     }
     let values = frames.values.select(Axis(0), &clean);

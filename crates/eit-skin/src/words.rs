@@ -43,11 +43,11 @@ pub fn event_words(event: &Event) -> Option<String> {
         // a single line, whatever it contains
         Event::Notice(text) => printable(text).replace('\n', "?"),
         Event::Silent { for_s } => {
-            format!("no frame has come for {for_s:.1} s: check its power and cable")
+            format!("no frame for {for_s:.1} s: check its power and cable")
         }
         Event::Disconnected { reason } => format!("disconnected: {reason}"),
         Event::Reconnected { epoch } => {
-            format!("connected again; epoch {epoch}: an old reference frame does not hold")
+            format!("reconnected; epoch {epoch}: earlier reference frames are invalid")
         }
         other => format!("{other:?}"),
     })

@@ -371,7 +371,7 @@ fn an_earlier_file_stands_beside_new_presses() {
     let same = Script::new(spread(12, 0.0), 10);
     let twice = learn(&same, Frame::Scene, Some(&old)).unwrap_err().to_string();
     assert!(
-        twice.starts_with("table, line 2: its frame is that of press 1 of the earlier"),
+        twice.starts_with("table, line 2: it has the same frame as press 1 of the earlier"),
         "{twice}"
     );
     let new = Script::new(spread(10, 1.3), 11);

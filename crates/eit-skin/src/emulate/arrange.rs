@@ -23,7 +23,7 @@ pub fn arranged(
     let mut arranged = Array2::zeros((values.nrows(), wanted.len()));
     for (column, &[a, b, m, n]) in wanted.iter().enumerate() {
         let known = by_drive.get(&[a.min(b), a.max(b)]).ok_or_else(|| {
-            format!("it drives ({a}, {b}) (electrodes from 0), and the scene does not")
+            format!("it drives ({a}, {b}) (electrodes counted from 0), but the scene does not")
         })?;
         let sign = if a < b { 1.0 } else { -1.0 };
         let path = path(known, m, n);

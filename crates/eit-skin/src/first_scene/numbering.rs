@@ -118,7 +118,7 @@ fn check(
 ) -> Result<(), SkinError> {
     if presses.is_empty() {
         return Err(SkinError::input(
-            "no press is given: the numbering of electrodes needs one or more",
+            "no press is given: finding the numbering of electrodes needs one or more",
         ));
     }
     let frames = presses.iter().map(|press| &press.change[..]);

@@ -40,7 +40,7 @@ impl Frames {
         }
         if correlation.abs() < 0.9 {
             self.notes.push(format!(
-                "the homogeneous model explains the reference badly (correlation \
+                "the homogeneous model explains the reference poorly (correlation \
                  {correlation:.3}): check the protocol and the number and order of electrodes"
             ));
         } else if plain && !(0.5..=2.0).contains(&gain) {

@@ -23,8 +23,8 @@ pub fn check(
         OrderVerdict::Other { better, ours } if skin.check_order => {
             let best = &better[0];
             Err(SkinError::input(format!(
-                "the data is not in the scene's order: reciprocity error {:.0} % as the scene has \
-                 it, {:.1} % with {}; set that, or [protocol] check_order = false to go on",
+                "the data is not in the scene's order: reciprocity error {:.0} % in the scene's \
+                 order, {:.1} % with {}; set that, or [protocol] check_order = false to continue",
                 100.0 * ours,
                 100.0 * best.error,
                 best.setting

@@ -43,14 +43,14 @@ pub fn find(
     let found = values.nrows();
     if found < LEAST_FRAMES {
         return Err(SkinError::input(format!(
-            "noise.quiet_frames = \"{range}\": {found} of them are without bad values; the \
-             noise is measured on {LEAST_FRAMES} or more"
+            "noise.quiet_frames = \"{range}\": {found} of them have no bad values; measuring the \
+             noise needs {LEAST_FRAMES} or more"
         ))
         .within(&skin.place));
     }
     let left_out = range.count() - found;
     if left_out > 0 {
-        notes.push(format!("{left_out} quiet frames with bad values passed over"));
+        notes.push(format!("{left_out} quiet frames with bad values skipped"));
     }
     Ok(Some(QuietFrames {
         values,

@@ -41,7 +41,7 @@ impl Joined {
         let mut forces_n = pressed.forces_n.clone();
         let mut names: Vec<String> = (0..pressed.len()).map(|k| pressed.name(k)).collect();
         if let Some(k) = frames.rows().into_iter().position(|row| row.iter().all(|v| *v == 0.0)) {
-            let message = "its frames are the reference itself, as if nothing had touched the skin";
+            let message = "its frames equal the reference, as if nothing had touched the skin";
             return Err(SkinError::input(message).within(&names[k]));
         }
         if let Some(earlier) = earlier {
@@ -62,8 +62,8 @@ impl Joined {
             Self { channels, table: Presses { frames, places_m }, forces_n, earlier, names, place };
         match same_frames(&joined.table.frames) {
             Some([one, other]) => Err(SkinError::input(format!(
-                "its frame is that of {} too, and a press that is both learnt and tested seems to err by \
-                 nothing: keep one of them",
+                "it has the same frame as {}, and a press that is both learnt and tested appears to have \
+                 no error: keep one of them",
                 joined.names[one]
             ))
             .within(&joined.names[other])),
@@ -114,8 +114,8 @@ impl LearnedSkin {
     fn check_beside(&self, channels: &[usize], frame: Frame, sign: f64) -> Result<(), SkinError> {
         if self.channels != channels {
             return Err(SkinError::input(format!(
-                "the earlier file has learnt {} of {} measurements, of these frames {} count, and they are \
-                 not the same ones: leave the same electrodes out, or learn without it",
+                "the earlier file uses {} of {} measurements, these frames use {}, and not the same ones: \
+                 exclude the same electrodes, or learn without that file",
                 self.channels.len(),
                 self.measurements,
                 channels.len()
@@ -124,15 +124,15 @@ impl LearnedSkin {
         let was_fitted = self.pose != Pose::SAME;
         let message = match (was_fitted, frame) {
             (true, Frame::Scene) => {
-                "the places of the earlier file were fitted to the scene, those of the table are the scene's: \
-                 fit the frame here, too"
+                "the places of the earlier file were fitted to the scene, but those of the table are \
+                 the scene's: fit the frame here, too"
             }
             (false, Frame::Fitted) => {
-                "the places of the earlier file are the scene's, those of the table are to be fitted: fit both, \
-                 or neither"
+                "the places of the earlier file are the scene's, but those of the table are to be \
+                 fitted: fit both, or neither"
             }
             (false, Frame::Scene) if self.sign != sign => {
-                "touch.sign of the scene is not that of the earlier file"
+                "touch.sign of the scene differs from that of the earlier file"
             }
             _ => return Ok(()),
         };

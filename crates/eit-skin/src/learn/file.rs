@@ -122,7 +122,7 @@ impl LearnedSkin {
     ///
     /// As [`LearnedSkin::read`].
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, SkinError> {
-        let none = || SkinError::input("no file of `eit learn`");
+        let none = || SkinError::input("not a file of `eit learn`");
         let text = std::str::from_utf8(bytes).map_err(|_| none())?;
         let (header, content) = text.split_once('\n').ok_or_else(none)?;
         let header: Header = serde_json::from_str(header).map_err(|_| none())?;
@@ -131,7 +131,7 @@ impl LearnedSkin {
         }
         if header.version != VERSION {
             return Err(SkinError::input(format!(
-                "version {} of the format; this program reads version {VERSION}: learn anew",
+                "version {} of the format; this program reads version {VERSION}: learn again",
                 header.version
             )));
         }
@@ -139,7 +139,7 @@ impl LearnedSkin {
         let crc32 = format!("{:08x}", crc32fast::hash(content.as_bytes()));
         if crc32 != header.crc32 {
             return Err(SkinError::input(format!(
-                "damaged: its checksum is {crc32}, written was {}",
+                "damaged: its checksum is {crc32}, but it states {}",
                 header.crc32
             )));
         }

@@ -183,8 +183,8 @@ fn no_value(measurement: usize, what: &str, range: &RangeInclusive<usize>) -> Sk
     let (first, last) = (range.start(), range.end());
     let space = if what.is_empty() { "" } else { " " };
     SkinError::input(format!(
-        "measurement {measurement} (from 0) is bad in all frames {first} to {last}{space}{what}: leave the \
-         press out, or the measurement or its electrode in the scene"
+        "measurement {measurement} (from 0) is bad in all frames {first} to {last}{space}{what}: remove the \
+         press, or exclude the measurement or its electrode in the scene"
     ))
 }
 

@@ -67,7 +67,7 @@ impl PressTable {
         let place = path.display().to_string();
         let refused = |e: csv::Error| {
             SkinError::input(format!(
-                "{place}: {e}; columns are x_m, y_m and where wanted z_m, force_n, depth_m, first_frame, \
+                "{place}: {e}; columns are x_m, y_m and optionally z_m, force_n, depth_m, first_frame, \
                  last_frame, before_first, before_last"
             ))
         };
@@ -109,7 +109,7 @@ impl PressTable {
 
     fn validate(&self) -> Result<(), SkinError> {
         if self.presses.is_empty() {
-            return Err(SkinError::input(format!("{}: no press", self.place)));
+            return Err(SkinError::input(format!("{}: no presses", self.place)));
         }
         for (k, press) in self.presses.iter().enumerate() {
             let at = |what: &str, value: f64, must: &str| {

@@ -122,7 +122,9 @@ impl Skin {
     #[cfg(feature = "recording")]
     pub fn replay(&self, recording: impl AsRef<std::path::Path>) -> Result<Sensor, SkinError> {
         let quadruples = self.protocol.quadruples().ok_or_else(|| {
-            SkinError::input("[protocol] has general current patterns, which no recording names")
+            SkinError::input(
+                "[protocol] has general current patterns, which recordings do not support",
+            )
         })?;
         let pace = eit_hw::driver::Pace::OnDemand;
         let replay = eit_hw::driver::Replay::open(recording.as_ref(), Some(quadruples), pace)?;

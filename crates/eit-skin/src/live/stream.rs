@@ -260,8 +260,8 @@ impl LiveStream {
         let mut progress = Progress::silent();
         let finder = TouchFinder::new(&fitted, clock.rate_hz, &mut progress)?.ok_or_else(|| {
             SkinError::input(
-                "the reference frames show no noise to tell touches from: set [noise] \
-                     additive_v",
+                "the reference frames show no noise, from which touches are distinguished: set \
+                 [noise] additive_v",
             )
         })?;
         let images = match self.with_images {

@@ -65,13 +65,12 @@ impl Summary {
         }
         if self.aside > 0 {
             words += &format!(
-                "; {} of the net do not explain their measurements: there the raw image stays",
+                "; {} of the U-net do not explain their measurements: the raw image is shown",
                 self.aside
             );
         }
         if self.interpolated > 0 {
-            words +=
-                &format!("; {} frames fit no image within delta: passed over", self.interpolated);
+            words += &format!("; {} frames fit no image within delta: skipped", self.interpolated);
         }
         if self.lost > 0 {
             words += &format!(

@@ -79,22 +79,22 @@ impl Expected {
         let Nearest { scene, why } = &self.nearest;
         let mut lines = vec![match &self.row {
             Some(row) => format!(
-                "expected error of the images: {:.2} of the truth's norm (1: an empty image), as {} \
-                 measured on {scene}, the built-in scene most like this one ({why})",
+                "expected error of the images: {:.2} of the truth's norm (1: an empty image), as measured with \
+                 {} on {scene}, the built-in scene most like this one ({why})",
                 row.relative_error,
                 row.words()
             ),
             None => format!("expected error of the images: not measured on {scene} ({why})"),
         }];
         lines.push(
-            "least error within the time of a frame, of what this scene allows once its noise is \
-             stated (frame_time_s takes it), and the time here"
+            "smallest error within a frame time, among what this scene allows once its noise is stated \
+             (frame_time_s selects it), and the time on this machine"
                 .to_owned(),
         );
         for BestIn { budget: Budget { time_s: budget_s, is_live: live }, row } in &self.best {
             let kind = if *live { "live" } else { "recorded" };
             let found = row.as_ref().map_or_else(
-                || "nothing that the scene allows is so fast".to_owned(),
+                || "nothing that the scene allows is fast enough".to_owned(),
                 |row| {
                     let time_ms = row.cost_ms_a_frame * row.slowness(&self.machine);
                     format!("{}: error {:.2}, {time_ms:.2} ms", row.words(), row.relative_error)

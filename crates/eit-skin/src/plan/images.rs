@@ -64,7 +64,7 @@ impl Sizes<'_> {
             flops,
             bytes: 4.0 * flops,
             time_s: 4.0 * flops / READ_BYTES_PER_S,
-            why: format!("{rank} scalar smoothers: the problem falls apart into its eigenvectors"),
+            why: format!("{rank} scalar smoothers: the problem decouples into its eigenvectors"),
         }
     }
 
@@ -130,7 +130,7 @@ impl Sizes<'_> {
                 flops: trials,
                 bytes: 0.0,
                 time_s: weights_s,
-                why: format!("on the {TV_TRIAL_FRAMES} frames with the most signal at most"),
+                why: format!("on at most the {TV_TRIAL_FRAMES} frames with the most signal"),
             });
         }
         stages.push(Stage {

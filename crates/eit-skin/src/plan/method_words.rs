@@ -41,8 +41,8 @@ fn noise(skin: &Skin) -> String {
             let last = range.end.saturating_sub(1);
             format!("noise: measured on quiet frames {} to {last}", range.start)
         }
-        _ => "noise: measured on the reference frames where they are several, else the error of \
-              the model alone"
+        _ => "noise: measured on the reference frames if there are several, else the model error \
+              alone"
             .to_owned(),
     }
 }
@@ -55,9 +55,11 @@ fn weights(skin: &Skin) -> String {
         }
         (Some(Delta::Rule(_)), _) => "data: each frame within its noise".to_owned(),
         (None, Some(weight)) => format!("weights: lambda_space {weight:e}, from the scene"),
-        (None, None) => "weights: by the discrepancy principle from the noise; from the error of \
-                         the model where that is larger"
-            .to_owned(),
+        (None, None) => {
+            "weights: by the discrepancy principle from the noise; from the model error if \
+                         that is larger"
+                .to_owned()
+        }
     }
 }
 
@@ -83,7 +85,7 @@ fn coupling(skin: &Skin, method: Method, sequence: Sequence, known: bool) -> Str
         }
     };
     // frames outside the quiet range may still be equal, which the plan does not check
-    let still = "dropped, with one image of the mean, where the frames do not differ from each \
-                 other beyond noise (a static scene)";
+    let still = "dropped, with one image of the mean, if the frames do not differ from each other \
+                 beyond noise (a static scene)";
     if known { format!("{couples}; {still}") } else { couples }
 }

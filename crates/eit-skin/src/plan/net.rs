@@ -27,7 +27,7 @@ pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
             flops,
             bytes: 4.0 * shape.parameters() as f64,
             time_s: flops / NET_FLOPS_PER_S,
-            why: "a frame: the scene has [denoise]".to_owned(),
+            why: "per frame: the scene has [denoise]".to_owned(),
         },
         Stage {
             name: "check",
@@ -35,7 +35,7 @@ pub fn of(skin: &Skin) -> Result<Vec<Stage>, SkinError> {
             flops: check,
             bytes: 4.0 * measurements as f64 * inside,
             time_s: check / CHECK_FLOPS_PER_S,
-            why: "a frame: does the net's image explain the measurements?".to_owned(),
+            why: "per frame: checks that the U-net's image explains the measurements".to_owned(),
         },
     ])
 }

@@ -38,8 +38,8 @@ pub fn of_reactive(skin: &ReactiveSkin, progress: &mut Progress) -> Result<PlanT
     lines.extend(stages.iter().flat_map(stage_lines));
     lines.push(format!("times on this machine: {}", machine.words()));
     lines.push(
-        "expected error of the voltages: not computed (the mesh-free series is for skins that store no \
-         charge); compare with a finer [mesh]"
+        "expected error of the voltages: not computed (the mesh-free series does not support \
+         capacitances); compare with a finer [mesh]"
             .to_owned(),
     );
     lines.push("left out".to_owned());
@@ -59,8 +59,8 @@ fn untouched(skin: &ReactiveSkin) -> Result<AdmittivityReport, SkinError> {
 fn why_complex(skin: &ReactiveSkin) -> String {
     let gamma = skin.background;
     format!(
-        "complex arithmetic: capacitances carry current at {} Hz (the skin has {:.2e} S beside {:.2e} S \
-         of conductivity)",
+        "complex arithmetic: capacitances carry current at {} Hz (the sheet has a susceptance \
+         of {:.2e} S and a conductivity of {:.2e} S)",
         skin.frequency_hz, gamma.im, gamma.re
     )
 }
@@ -69,7 +69,7 @@ fn left_out(skin: &ReactiveSkin, report: &AdmittivityReport) -> Vec<LeftOut> {
     let cost = skin.model.cost();
     let (m, products) = (skin.model.protocol().measurements(), cost.field_products);
     let mut list = vec![
-        ("images", "reconstruction, nets and touches take conductivities only".to_owned()),
+        ("images", "reconstruction, U-nets and touches only support conductivities".to_owned()),
         (
             "pivoting",
             format!(

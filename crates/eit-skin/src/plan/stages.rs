@@ -88,8 +88,9 @@ pub fn of_reactive(skin: &ReactiveSkin, machine: &Machine) -> Vec<Stage> {
             flops: sweep + 16.0 / 3.0 * cost.product_flops,
             bytes,
             time_s: sweep / SWEEP_FLOPS_PER_S + bytes / store_rate(bytes),
-            why: "only `eit jacobian` asks for it: the derivative by complex admittivity"
-                .to_owned(),
+            why:
+                "only needed by `eit jacobian`: the derivative with respect to complex admittivity"
+                    .to_owned(),
         },
     ];
     scale(&mut stages, machine);

@@ -51,8 +51,7 @@ pub fn of(skin: &Skin, machine: &Machine) -> Vec<Stage> {
                     + sheet / PRODUCT_FLOPS_PER_S
                     + choice / DECOMPOSITION_FLOPS_PER_S)
                 + n * bells * BELL_S,
-            why: "touches are held against the uneven sheet that the reference frame shows, where it \
-                  shows one"
+            why: "touches are fitted on the uneven sheet found in the reference frame, if there is one"
                 .to_owned(),
         },
         Stage {
@@ -64,13 +63,13 @@ pub fn of(skin: &Skin, machine: &Machine) -> Vec<Stage> {
                 + electrodes::jacobian_s(skin)
                 + n * places * BELL_S,
             why: format!(
-                "bells of {:.0} mm, whitened by noise, electrodes that move, contacts, gain",
+                "bells of {:.0} mm, whitened for noise, electrode movement, contacts and gain",
                 1e3 * radius_m
             ),
         },
         Stage {
             name: "touches of each frame",
-            size: "nothing touches; six fingers take 20 times that".to_owned(),
+            size: "without touches; six fingers take 20 times as long".to_owned(),
             flops: frame,
             bytes: 8.0 * rows * places,
             time_s: frame / SCAN_FLOPS_PER_S,

@@ -66,9 +66,8 @@ impl VoltageError {
                  (homogeneous skin, against {})",
                 self.against
             ),
-            None => "expected error of the voltages: not known (on the mesh of a file, or with \
-                     shunts and ideal sources, nothing here can judge these elements); compare \
-                     with a finer mesh"
+            None => "expected error of the voltages: unknown (these elements cannot be judged here on the mesh of \
+                     a file, or with shunts and ideal sources); compare with a finer mesh"
                 .to_owned(),
         }];
         lines.push(match (self.noise, self.of_mesh) {
@@ -108,7 +107,7 @@ impl VoltageError {
             self.cost.unknowns,
             accuracy.words(),
             finest.map_or_else(String::new, |nodes| format!(
-                " ({} solves on meshes of up to {nodes} nodes judged it, once)",
+                " (judged once, by {} solves on meshes of up to {nodes} nodes)",
                 accuracy.trials.len()
             ))
         )

@@ -161,7 +161,7 @@ impl Scene {
             (true, false) => Ok(PlacedElectrode::patch(at.0, radius_m)),
             _ => Err(self.error(format!(
                 "electrode {}: width_m {width_m} and radius_m {radius_m}: an electrode on the \
-                     rim has a width, a patch a radius, the other is 0 in its list",
+                     rim has a width, a patch a radius; the value in the other list is 0",
                 k + 1
             ))),
         };
@@ -191,7 +191,7 @@ impl Scene {
         match self.electrodes.count {
             Some(count) if count != positions => Err(self.error(format!(
                 "electrodes.count is {count}, but electrodes.positions_m has {positions} \
-                 positions: leave one out"
+                 positions: remove one of the keys"
             ))),
             _ => Ok(()),
         }

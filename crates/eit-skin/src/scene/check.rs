@@ -56,8 +56,8 @@ impl Scene {
         }
         let absolute = Method::GaussNewtonAbsolute.name();
         let why = if self.reconstruction.method.as_deref() == Some(absolute) {
-            "method = \"gauss-newton-absolute\" exclude each other: movement is taken out of \
-             differences, before a linear method; keep one"
+            "method = \"gauss-newton-absolute\" exclude each other: movement is removed from \
+             differences before a linear method; keep one"
         } else if self.mesh.elements == Some(ElementKind::Quadratic) {
             "[mesh] elements = \"quadratic\" exclude each other: derivatives along displacements are \
              those of linear elements; keep one"
@@ -73,8 +73,8 @@ impl Scene {
             return Ok(());
         }
         let message = format!(
-            "`eit {command}` does not know reconstruction.electrode_movement_m (nets learn to take \
-             movement out of images, not from images without it): take it out of the scene"
+            "`eit {command}` does not support reconstruction.electrode_movement_m (U-nets learn to \
+             remove the artefacts of movement from images that have them): remove it from the scene"
         );
         Err(SkinError::input(message).within(&self.place))
     }
@@ -116,8 +116,8 @@ impl Scene {
             && !(value > 0.0 && value < 1.0)
         {
             return Err(SkinError::input(format!(
-                "mesh.required_accuracy is {value}: a part of the largest voltage is above 0 and \
-                 below 1"
+                "mesh.required_accuracy is {value}: a fraction of the largest voltage, it must be above 0 \
+                 and below 1"
             )));
         }
         if let Some(pixels) = image.pixels.filter(|p| !(1..=MOST_PIXELS).contains(p)) {
@@ -166,8 +166,8 @@ impl Scene {
         let upper = image.upper_s.unwrap_or(f64::INFINITY);
         if !(lower <= 0.0 && upper >= 0.0 && lower < upper) {
             return Err(SkinError::input(format!(
-                "reconstruction.lower_s = {lower} and upper_s = {upper} must have zero, no change, \
-                 between them or on one of them"
+                "reconstruction.lower_s = {lower} and upper_s = {upper} must include zero (no change), as \
+                 a bound or between them"
             )));
         }
         if let Some(frames) = self.noise.quiet_frames.filter(|frames| frames.count() < 3) {
@@ -186,8 +186,8 @@ impl Scene {
         let Some(name) = &image.method else {
             return match (of_tv.chain(image.bounds()).next(), of_others.next()) {
                 (Some(one), Some(other)) => Err(SkinError::input(format!(
-                    "{one} and {other} belong to different methods: set reconstruction.method or \
-                     take one out"
+                    "{one} and {other} belong to different methods: set reconstruction.method or remove \
+                     one"
                 ))),
                 _ => Ok(()),
             };
@@ -202,7 +202,7 @@ impl Scene {
         }
         if method == Method::Tv && image.lambda_time.is_some_and(|weight| weight != 0.0) {
             return Err(SkinError::input(
-                "reconstruction.lambda_time has no effect with method = \"tv\": take \"st-tv\"",
+                "reconstruction.lambda_time has no effect with method = \"tv\": use \"st-tv\"",
             ));
         }
         Ok(())

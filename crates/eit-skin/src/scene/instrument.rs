@@ -279,7 +279,7 @@ impl InstrumentSettings {
         match ignored {
             None => Ok(()),
             Some((key, _)) => Err(SkinError::input(format!(
-                "instrument.{key} has no effect with driver = \"{}\": take it out",
+                "instrument.{key} has no effect with driver = \"{}\": remove it",
                 self.driver
             ))),
         }

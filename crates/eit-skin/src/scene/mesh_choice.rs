@@ -147,8 +147,8 @@ impl Scene {
         let suffices = found.error <= found.required;
         if !suffices && self.element_order() == Some(ElementOrder::Linear) {
             return Err(SkinError::input(format!(
-                "linear elements on this mesh have an error of {:.1e} of the largest voltage, and \
-                 {:.1e} is required: take mesh.elements out, or a finer mesh",
+                "linear elements on this mesh have an error of {:.1e} of the largest voltage, but \
+                 {:.1e} is required: remove mesh.elements, or use a finer mesh",
                 found.error, found.required
             ))
             .within(&self.place));

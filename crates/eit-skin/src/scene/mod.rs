@@ -247,7 +247,7 @@ impl<T: Copy> TryFrom<Vec<T>> for Pair<T> {
 
     fn try_from(values: Vec<T>) -> Result<Self, String> {
         let found = values.len();
-        values.try_into().map(Self).map_err(|_| format!("{found} values where two are wanted"))
+        values.try_into().map(Self).map_err(|_| format!("{found} values instead of two"))
     }
 }
 
@@ -269,7 +269,7 @@ impl TryFrom<Vec<f64>> for Position {
         match values[..] {
             [x, y] => Ok(Self([x, y, 0.0])),
             [x, y, z] => Ok(Self([x, y, z])),
-            _ => Err(format!("{} values where two or three are wanted", values.len())),
+            _ => Err(format!("{} values instead of two or three", values.len())),
         }
     }
 }
@@ -363,7 +363,7 @@ pub struct MeshDensity {
 
 /// `mesh.required_accuracy`: a fraction of the largest voltage, or "noise".
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-#[serde(untagged, expecting = "a part of the largest voltage, or \"noise\"")]
+#[serde(untagged, expecting = "a fraction of the largest voltage, or \"noise\"")]
 pub enum RequiredAccuracyKey {
     /// Fraction of the largest voltage.
     Relative(f64),
@@ -551,7 +551,9 @@ pub(crate) fn read_file_of(path: &Path, most_bytes: u64) -> Result<Vec<u8>, Skin
     file.take(most_bytes + 1).read_to_end(&mut bytes).map_err(|e| SkinError::at(path, e))?;
     if bytes.len() as u64 > most_bytes {
         let (path, most) = (path.display(), most_bytes >> 20);
-        return Err(SkinError::input(format!("{path}: longer than {most} MiB: not such a file")));
+        return Err(SkinError::input(format!(
+            "{path}: longer than {most} MiB: not a file of this kind"
+        )));
     }
     Ok(bytes)
 }
@@ -603,7 +605,7 @@ impl Scene {
         let data = std::fs::metadata(path).map_err(|e| refused(e.to_string()))?;
         if !data.is_file() || data.len() > MOST_SCENE_BYTES {
             let most_mb = MOST_SCENE_BYTES >> 20;
-            return Err(refused(format!("no file of at most {most_mb} MB")));
+            return Err(refused(format!("not a file of at most {most_mb} MB")));
         }
         let bytes = std::fs::read(path).map_err(|e| refused(e.to_string()))?;
         String::from_utf8(bytes).map_err(|e| {

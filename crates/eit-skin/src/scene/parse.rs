@@ -26,9 +26,9 @@ const RENAMED: [(&str, &str); 2] =
 const GONE: [(&str, &str); 3] = [
     (
         "false_alarms_per_hour",
-        "touches are told from drift, movement and memory, not from noise alone",
+        "touches are distinguished from drift, movement and memory, not from noise alone",
     ),
-    ("relative_floor", "each touch is held to what it explains"),
+    ("relative_floor", "each touch is judged by what it explains"),
     ("prominence", "touches are fitted together; [touch] apart_m says how near two may be"),
 ];
 
@@ -46,7 +46,7 @@ fn explain(message: &str) -> String {
         return format!("the key \"{old}\" is called \"{new}\" now");
     }
     if let Some((old, why)) = GONE.into_iter().find(|(old, _)| is_key && *old == unknown) {
-        return format!("the key \"{old}\" has gone: {why}");
+        return format!("the key \"{old}\" was removed: {why}");
     }
     let nearest = known
         .iter()
@@ -56,7 +56,7 @@ fn explain(message: &str) -> String {
         .filter(|(distance, k)| 2 * distance <= k.len().max(unknown.len()));
     match nearest {
         Some((_, key)) => format!("unknown {what} \"{unknown}\": did you mean \"{key}\"?"),
-        None => format!("unknown {what} \"{unknown}\": known are {}", known.join(", ")),
+        None => format!("unknown {what} \"{unknown}\": the known ones are {}", known.join(", ")),
     }
 }
 

@@ -48,7 +48,7 @@ impl FromStr for FrameRange {
         let numbers = parts.and_then(|(start, end)| {
             Some(Self { start: start.trim().parse().ok()?, end: end.trim().parse().ok()? })
         });
-        numbers.ok_or_else(|| format!("\"{text}\" is no range of frames: write \"N..M\""))
+        numbers.ok_or_else(|| format!("\"{text}\" is not a range of frames: write \"N..M\""))
     }
 }
 

@@ -51,8 +51,8 @@ impl Scene {
             let susceptance = admittivity(0.0, c, self.frequency_hz()).im;
             if r.is_nan() || *r <= 0.0 || (r.is_infinite() && susceptance == 0.0) {
                 return Err(self.error(format!(
-                    "electrodes.contact_impedance_ohm_m is {r} at electrode {}: on a skin that stores \
-                     charge it must be above zero, and finite where the contact has no capacitance",
+                    "electrodes.contact_impedance_ohm_m is {r} at electrode {}: on a skin with \
+                     capacitances it must be above zero, and finite if the contact has no capacitance",
                     l + 1
                 )));
             }
@@ -79,8 +79,8 @@ impl Scene {
         }
         Err(self.error(format!(
             "the scene stores charge at {} Hz (sheet_capacitance_f, contact_capacitance_f_per_m): only \
-             `eit forward`, `eit jacobian`, `eit plan` and `eit mesh` know complex admittivity; for \
-             this command take protocol.frequency_hz and the capacitances out",
+             `eit forward`, `eit jacobian`, `eit plan` and `eit mesh` support complex admittivity; for \
+             this command remove protocol.frequency_hz and the capacitances",
             self.frequency_hz()
         )))
     }
@@ -99,14 +99,14 @@ impl Scene {
         }
         if self.is_reactive() && self.mesh.required_accuracy.is_some() {
             return Err(SkinError::input(
-                "mesh.required_accuracy is judged by the voltages of conductivities: a skin that \
-                 stores charge takes mesh.nodes or edge_m",
+                "mesh.required_accuracy is only supported for conductivities: for a skin that stores charge \
+                 use mesh.nodes or edge_m",
             ));
         }
         if self.is_reactive() && self.mesh.elements == Some(ElementKind::Quadratic) {
             return Err(SkinError::input(
-                "mesh.elements is \"quadratic\": skins that store charge are solved on linear \
-                 elements only",
+                "mesh.elements is \"quadratic\": skins that store charge are only solved on linear \
+                 elements",
             ));
         }
         Ok(())

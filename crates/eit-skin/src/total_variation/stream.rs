@@ -131,7 +131,7 @@ fn stream(
     let FittedFrames { skin, frames, .. } = fitted;
     let keys = &skin.skin.settings.reconstruction;
     let raster = skin.raster(progress)?;
-    let unknown = || SkinError::input("the noise is not known: state [noise] additive_v");
+    let unknown = || SkinError::input("the noise is unknown: set [noise] additive_v");
     let known = fitted.noise()?.ok_or_else(unknown)?;
     let jacobian = skin.pixel_jacobian(raster, &frames.used)?;
     let places = Places {
@@ -158,7 +158,7 @@ fn stream(
     weights.rescale(factor * factor);
     weights.delta = weights.delta.map(|delta| factor * delta);
     if !given {
-        weights.rule += " for a touch that is to be expected";
+        weights.rule += " for a synthetic touch";
     }
     let fidelity =
         weights.delta.map_or(Fidelity::Penalised, |delta| Fidelity::Constrained { delta });

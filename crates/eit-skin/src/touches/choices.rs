@@ -36,10 +36,12 @@ impl Choices {
     /// Describes each choice on a line, for people.
     pub fn lines(&self) -> Vec<String> {
         let sheet = match self.sheet {
-            None => "sheet taken to be even, which explains the reference as well as an uneven one"
-                .to_owned(),
+            None => {
+                "sheet assumed to be even, which explains the reference as well as an uneven one"
+                    .to_owned()
+            }
             Some(FoundSheet { amplitude, left_even, left }) => format!(
-                "sheet taken to be uneven by {:.0} %, which explains the reference to {:.2} %, an even one \
+                "sheet assumed to be uneven by {:.0} %, which explains the reference to {:.2} %, an even one \
                  to {:.2} %",
                 100.0 * amplitude,
                 100.0 * left,
@@ -48,7 +50,7 @@ impl Choices {
         };
         let blind = match self.blind {
             0 => String::new(),
-            blind => format!(", {blind} more are blind"),
+            blind => format!(", {blind} more are not seen"),
         };
         vec![
             format!("touches: {sheet}"),

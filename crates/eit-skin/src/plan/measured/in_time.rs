@@ -42,7 +42,7 @@ pub(crate) fn in_frame_time(
     let budget = Budget { time_s, is_live };
     let Some((row, method)) = best(rows, budget).and_then(|r| Some((r, method(r)?))) else {
         return Err(SkinError::input(format!(
-            "reconstruction.frame_time_s is {time_s}: nothing that the scene allows was so fast \
+            "reconstruction.frame_time_s is {time_s}: nothing that the scene allows was fast enough \
              on {} ({}), the built-in scene most like this one",
             nearest.scene, nearest.why
         ))

@@ -34,7 +34,7 @@ pub fn nearest(skin: &Skin, frames: Option<usize>, voltages: &[f64]) -> Nearest 
     let impedances = &skin.contact_impedance;
     let least = impedances.iter().copied().fold(f64::INFINITY, f64::min);
     if impedances.iter().any(|z| *z > STIFF * least) {
-        return found("stiff-contact", "contact impedances far apart");
+        return found("stiff-contact", "widely different contact impedances");
     }
     // nets are trained on the fabric; its noise does not tell how its electrodes move
     if skin.settings.denoise.is_some() {
