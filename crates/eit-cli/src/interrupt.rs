@@ -10,7 +10,7 @@ use std::sync::Arc;
 /// program.
 pub(crate) fn listen() -> Result<StopFlag, CliError> {
     let stop = StopFlag::default();
-    let failed = |e| CliError::Failure(format!("signals cannot be taken: {e}"));
+    let failed = |e| CliError::Failure(format!("signal handlers cannot be installed: {e}"));
     #[cfg(unix)]
     {
         use signal_hook::consts::{SIGHUP, SIGXFSZ};

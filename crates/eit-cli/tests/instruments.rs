@@ -303,7 +303,7 @@ fn ctrl_c_ends_a_recording_and_a_kill_loses_its_last_second() {
     assert!(capture.damage.unfinished && before > 0);
     // and it is gone on with, where it was cut
     let said = refuse(&["record", text(&scene), "--out", text(&killed), "--frames", "20"]);
-    assert!(said.contains("never written over") && said.contains("--append"), "{said}");
+    assert!(said.contains("never overwritten") && said.contains("--append"), "{said}");
     succeed(&["record", text(&scene), "--out", text(&killed), "--frames", "20", "--append"]);
     let capture = eit_hw::capture::read(&killed).unwrap();
     assert_eq!(capture.frames().count(), before + 20);
@@ -335,7 +335,7 @@ fn a_file_size_limit_ends_the_recording_whole_and_names_the_file() {
         let frames = capture.frames().count();
         // cut to its last whole chunk
         assert!(frames > 0 && !capture.damage.is_any(), "{:?}", capture.damage);
-        assert!(said.contains(&format!("holds {frames} frames; ")), "{said}");
+        assert!(said.contains(&format!("contains {frames} frames; ")), "{said}");
     }
 }
 
@@ -446,7 +446,7 @@ fn convert_keeps_every_bit() {
     }
     assert_eq!(std::fs::read(path("a.npy")).unwrap(), std::fs::read(path("e.npy")).unwrap());
     let said = refuse(&["convert", text(&path("a.npy")), "--out", text(&path("b.mcap"))]);
-    assert!(said.contains("never written over"), "{said}");
+    assert!(said.contains("never overwritten"), "{said}");
     let said = refuse(&["convert", text(&path("a.npy")), "--out", text(&path("b.txt"))]);
     assert!(said.contains("--out must end in"), "{said}");
 }

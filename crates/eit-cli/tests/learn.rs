@@ -187,7 +187,7 @@ fn inputs_are_not_written_over() {
         refuse(&[&base[..], &["--out", text(&out)], more].concat())
     };
     let said = run("a.curve.csv", "frames.csv", "a.learned", &[]);
-    assert!(said.contains("a.curve.csv: --out would write over the presses"), "{said}");
+    assert!(said.contains("a.curve.csv: --out would overwrite the presses"), "{said}");
     let said = run("presses.csv", "a.curve.csv", "a.learned", &[]);
     assert!(said.contains("over the frames"), "{said}");
     let old = path("b.learned");
@@ -198,7 +198,7 @@ fn inputs_are_not_written_over() {
     assert!(said.contains("over the reference"), "{said}");
     // the curve of presses.learned is not presses.csv: what stops this one is its only press
     let said = run("presses.csv", "frames.csv", "presses.learned", &[]);
-    assert!(!said.contains("write over"), "{said}");
+    assert!(!said.contains("overwrite"), "{said}");
     assert_eq!(contents(folder.path()), before);
 }
 

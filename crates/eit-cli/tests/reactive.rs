@@ -186,7 +186,7 @@ fn files_hold_the_same_numbers() {
     let real = write_scene(folder.path(), SMALL);
     let found =
         refuse(&["forward", text(&real), "--conductivity", text(&file), "--out", text(&out)]);
-    assert!(found.contains("nothing in the scene stores charge"), "{found}");
+    assert!(found.contains("the scene stores no charge"), "{found}");
 }
 
 /// Nothing flows through a capacitor at rest, nor through none: files are those of the real scene, byte

@@ -65,7 +65,7 @@ fn convert_does_not_write_over_what_it_reads() {
     std::fs::write(&table, "1,2,3\n4,5,6\n").unwrap();
     let other = folder.path().join("./a.csv");
     let said = common::refuse(&["convert", text(&table), "--out", text(&other)]);
-    assert!(said.contains("is what is converted"), "{said}");
+    assert!(said.contains("is the file to convert"), "{said}");
     assert_eq!(std::fs::read(&table).unwrap(), b"1,2,3\n4,5,6\n");
 }
 

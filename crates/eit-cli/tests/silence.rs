@@ -67,7 +67,7 @@ fn silence_at_the_end_is_exit_code_3() {
     assert!(stderr(&output).contains("no frame for"), "{}", stderr(&output));
     let output = eit(&["check", text(&scene), "--port", &port, "--seconds", "1"]);
     assert_eq!(output.status.code(), Some(3));
-    assert!(stderr(&output).contains("no frame came within 1 s"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("no frame within 1 s"), "{}", stderr(&output));
 }
 
 /// The count of frames begins anew or has one number that cannot be: hardly a frame is lost.

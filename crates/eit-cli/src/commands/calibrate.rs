@@ -62,7 +62,7 @@ fn fit(
         return Ok(found);
     }
     notes.push(format!(
-        "what stays unexplained is {times:.0} times the stated noise: deviations are by the former"
+        "the unexplained part is {times:.0} times the stated noise: deviations are based on the former"
     ));
     let settings = CalibrationSettings { noise_std_v: None, ..settings };
     Ok(Calibration::of_frame(model, &frames.reference, &settings)?)
@@ -90,8 +90,8 @@ fn text(frames: &Frames, found: &Calibration, notes: &[String]) -> String {
     let used = frames.used.iter().filter(|used| **used).count();
     let mut lines = vec![
         format!(
-            "{}: {used} measurements, {} after {} steps; unexplained {:.2} % of the frame, before \
-             {:.2} %",
+            "{}: {used} measurements, {} after {} steps; unexplained {:.2} % of the frame, {:.2} % \
+             before",
             frames.reference_source,
             status(found),
             found.iterations,
@@ -107,8 +107,8 @@ fn text(frames: &Frames, found: &Calibration, notes: &[String]) -> String {
     let weak = undetermined(found);
     if !weak.is_empty() {
         lines.push(format!(
-            "the data hardly tell the contacts of electrodes {weak:?}: those are near the scene's \
-             (measured driven electrodes would tell: --use-driven-electrodes)"
+            "the data hardly determine the contacts of electrodes {weak:?}, which stay near the scene's \
+             (measurements on driven electrodes would: --use-driven-electrodes)"
         ));
     }
     lines.extend(notes.iter().map(|note| format!("note: {note}")));

@@ -37,14 +37,14 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
     let name = session.setup().identity.to_string();
     if found == 0 {
         return Err(CliError::Silent(format!(
-            "{name}: no frame came within {} s, {} bytes in all: check its power and cable, and that its \
-             scan runs",
+            "{name}: no frame within {} s, {} bytes in total: check its power and cable, and that its \
+             scan is running",
             args.seconds, statistics.bytes
         )));
     }
     let report = health::check(&quiet, &instrument).map_err(|error| {
         CliError::Failure(format!(
-            "{found} frames came within {} s, {} bytes in all: {error}",
+            "{found} frames within {} s, {} bytes in total: {error}",
             args.seconds, statistics.bytes
         ))
     })?;
@@ -95,7 +95,7 @@ fn text(
     ];
     if let Some(Resolution { step, steps_per_touch, still }) = &report.resolution {
         lines.push(format!(
-            "resolution {step:.2e}: a touch of 1 % is {steps_per_touch:.1} steps; {still} of {} \
+            "resolution {step:.2e}: a change of 1 % is {steps_per_touch:.1} steps; {still} of {} \
              measurements never change",
             report.noise_std.len()
         ));
@@ -103,9 +103,9 @@ fn text(
     let findings = report.findings.iter();
     lines.extend(findings.map(|finding| format!("{}: {finding}", severity(finding.severity))));
     if report.findings.is_empty() {
-        lines.push("nothing is wrong".to_owned());
+        lines.push("no faults found".to_owned());
     }
-    lines.extend(quiet.notices.iter().map(|notice| format!("it said: {notice}")));
+    lines.extend(quiet.notices.iter().map(|notice| format!("notice of the instrument: {notice}")));
     lines.join("\n")
 }
 

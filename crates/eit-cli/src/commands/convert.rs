@@ -28,11 +28,11 @@ struct Table {
 pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
     let ending = check_ending(&args.out, &["mcap", "csv", "npy"])?;
     if ending == "mcap" && args.out.exists() {
-        let message = "exists, and a recording is never written over: name another file";
+        let message = "exists, and a recording is never overwritten: name another file";
         return Err(CliError::input(format!("{}: {message}", args.out.display())));
     }
     if is_same_file(&args.input, &args.out) {
-        let message = "is what is converted, and would be lost: name another file";
+        let message = "is the file to convert, and would be lost: name another file";
         return Err(CliError::input(format!("{}: {message}", args.out.display())));
     }
     let scene = args.scene.as_deref().map(Scene::load).transpose()?;
@@ -52,7 +52,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Answer, CliError> {
         notes.push(format!("{flagged} flagged values: a table has no flags"));
     }
     if skipped > 0 {
-        notes.push(format!("{skipped} frames left out: a value is not finite"));
+        notes.push(format!("{skipped} frames skipped: a value is not finite"));
     }
     let complex = table.imaginary.is_some();
     if complex && ending != "mcap" {
@@ -145,7 +145,7 @@ fn stream(args: &ConvertArgs, ending: &str, scene: Option<&Scene>) -> Result<Ans
     };
     let quadruples = protocol.as_ref().and_then(|protocol| protocol.quadruples());
     if protocol.is_some() && quadruples.is_none() {
-        let message = "[protocol] has general current patterns, which no recording names";
+        let message = "[protocol] has general current patterns, which recordings do not support";
         return Err(CliError::input(message));
     }
     let (source, found) = Source::new(&args.input, quadruples)?;
@@ -162,7 +162,7 @@ fn stream(args: &ConvertArgs, ending: &str, scene: Option<&Scene>) -> Result<Ans
                 notes.push(format!("{flagged} flagged values: a table has no flags"));
             }
             if unfinished > 0 {
-                notes.push(format!("{unfinished} frames left out: a value is not finite"));
+                notes.push(format!("{unfinished} frames skipped: a value is not finite"));
             }
             if complex {
                 notes.push(ALTERNATE.into());
@@ -187,8 +187,8 @@ fn table(recording: &Recording, scene: Option<&Scene>) -> Result<Table, CliError
                 Layout::ProtocolOrder => Vec::new(),
                 Layout::Potentials { .. } => {
                     return Err(CliError::input(format!(
-                        "{}: holds potentials of electrodes: give --scene, whose protocol says \
-                         which differences are wanted",
+                        "{}: contains electrode potentials: give --scene, whose protocol defines the \
+                         differences",
                         recording.path.display()
                     )));
                 }

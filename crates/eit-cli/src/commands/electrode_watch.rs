@@ -66,7 +66,7 @@ impl ElectrodeWatch {
         }
         for fault in now.iter().filter(|fault| !self.before.contains(fault)) {
             let (number, words) = (fault.electrode + 1, fault.kind.words());
-            tell(&format!("electrode {number} {words}; from {time_s:.2} s on"))?;
+            tell(&format!("electrode {number} {words}; since {time_s:.2} s"))?;
             match self.seen.len() < KEPT {
                 true => self.seen.push(Seen { fault: *fault, healed_s: None }),
                 false => self.more += 1,
@@ -74,7 +74,7 @@ impl ElectrodeWatch {
         }
         for fault in self.before.iter().filter(|fault| !now.contains(fault)) {
             tell(&format!(
-                "electrode {} is sound again; from {time_s:.2} s on",
+                "electrode {} is sound again; since {time_s:.2} s",
                 fault.electrode + 1
             ))?;
             let seen = self.seen.iter_mut().find(|seen| seen.fault == *fault);

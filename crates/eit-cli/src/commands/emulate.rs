@@ -55,7 +55,7 @@ pub(crate) fn run(args: &EmulateArgs, is_json: bool) -> Result<Answer, CliError>
         // flush at once: other programs wait for it
         let mut out = std::io::stdout().lock();
         // a reader that has gone away is not an error
-        let _ = writeln!(out, "{driver} at {place}; Ctrl-C ends it").and_then(|()| out.flush());
+        let _ = writeln!(out, "{driver} at {place}; Ctrl-C stops it").and_then(|()| out.flush());
     }
     let start = Instant::now();
     while !interrupt.is_set() && limit.is_none_or(|limit| start.elapsed() < limit) {
@@ -65,7 +65,7 @@ pub(crate) fn run(args: &EmulateArgs, is_json: bool) -> Result<Answer, CliError>
     let statistics = emulator.statistics();
     Ok(Answer {
         text: format!(
-            "{} bytes sent, {} received, {} faults made, {:.1} s",
+            "{} bytes sent, {} received, {} faults simulated, {:.1} s",
             statistics.sent,
             statistics.received,
             statistics.faults,
@@ -96,7 +96,7 @@ fn listen(port: &str) -> Result<Listen, CliError> {
         }
         if path.symlink_metadata().is_ok() {
             return Err(CliError::input(format!(
-                "--port {port}: exists; name a path where nothing is, or tcp:127.0.0.1:PORT"
+                "--port {port}: exists; name a path that does not exist, or tcp:127.0.0.1:PORT"
             )));
         }
         Ok(Listen::PseudoTerminal(path))

@@ -56,7 +56,7 @@ impl FrameRate {
     pub fn words(&self) -> String {
         match (self.mean_hz(), self.longest_wait_s()) {
             (Some(mean_hz), Some(wait_s)) => {
-                format!(", {mean_hz:.1} a second, at most {wait_s:.3} s apart")
+                format!(", {mean_hz:.1} per second, at most {wait_s:.3} s apart")
             }
             _ => String::new(),
         }
@@ -89,6 +89,6 @@ mod tests {
         assert!(near(rate.mean_hz(), mean_hz), "{rate:?}");
         assert!(near(rate.longest_wait_s(), 3.0), "{rate:?}");
         assert!(near(rate.recent_hz(), 20.0), "{rate:?}");
-        assert_eq!(rate.words(), format!(", {mean_hz:.1} a second, at most 3.000 s apart"));
+        assert_eq!(rate.words(), format!(", {mean_hz:.1} per second, at most 3.000 s apart"));
     }
 }

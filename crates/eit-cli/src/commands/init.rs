@@ -80,7 +80,7 @@ fn check(args: &InitArgs) -> Result<(), CliError> {
     }
     if args.out.exists() && !args.force {
         return Err(CliError::input(format!(
-            "{} exists: give --force to write over it",
+            "{} exists: give --force to overwrite it",
             args.out.display()
         )));
     }
@@ -127,7 +127,9 @@ fn notes(first: &FirstScene, found: &Found) -> Vec<String> {
     notes.extend(found.lines.iter().cloned());
     notes.extend(found.warnings.iter().map(|warning| format!("UNSURE: {warning}")));
     if first.port.is_none() {
-        notes.push("No board was listened to: [protocol] and [instrument] are a start.".to_owned());
+        notes.push(
+            "Written without a board: [protocol] and [instrument] are a template.".to_owned(),
+        );
     }
     notes
 }
@@ -151,11 +153,11 @@ fn answer(place: &Path, first: &FirstScene, found: &Found) -> Answer {
     let mut lines = found.lines.clone();
     lines.extend(found.warnings.iter().map(|warning| format!("unsure: {warning}")));
     let place = place.display();
-    lines.push(format!("{place} is written. Look at it: `eit mesh {place} --out skin.png`"));
+    lines.push(format!("{place} is written. Draw it: `eit mesh {place} --out skin.png`"));
     if first.port.is_some() {
         lines.push(format!("Then: `eit check {place}`, and touches: `eit live {place} --web`"));
     } else {
-        lines.push(format!("Then: what it needs and costs, `eit plan {place}`"));
+        lines.push(format!("Then see what it needs and costs: `eit plan {place}`"));
     }
     Answer { text: lines.join("\n"), json: to_json(&place.to_string(), first, found) }
 }

@@ -74,7 +74,7 @@ fn picture(mesh: &Mesh, name: &str, writer: &mut dyn Write) -> Result<(), Report
         title: format!("{name}: mesh{}", view.words(surface)),
         footnote: match hidden {
             0 => String::new(),
-            _ => format!("{hidden} more triangles look away"),
+            _ => format!("{hidden} more triangles face away"),
         },
         quantity: "quality".to_owned(),
         unit: String::new(),

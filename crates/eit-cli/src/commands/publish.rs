@@ -12,7 +12,7 @@ use eit_skin::words::printable;
 /// Opens the requested outputs; `None` if there are none.
 pub(super) fn open(args: &PublishArgs, is_json: bool) -> Result<Option<Publisher>, CliError> {
     if args.json_lines && is_json {
-        let message = "--json-lines and --json: each wants stdout for itself; take one";
+        let message = "--json-lines and --json both need stdout: use one";
         return Err(CliError::input(message));
     }
     if !args.json_lines && args.udp.is_empty() && args.web.is_none() {

@@ -29,8 +29,8 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     super::check_ending(place, &["mcap"])?;
     if place.exists() && !args.append {
         return Err(CliError::input(format!(
-            "{}: exists, and a recording is never written over: name another file, or go on with \
-             it by --append",
+            "{}: exists, and a recording is never overwritten: name another file, or append to \
+             it with --append",
             place.display()
         )));
     }
@@ -50,7 +50,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
     };
     if let Some(cut) = writer.cut_tail() {
         progress.note(&format!(
-            "{}: {} bytes at the end were no whole record and are kept in {}",
+            "{}: {} bytes at the end were an incomplete record and are kept in {}",
             place.display(),
             cut.bytes,
             cut.path.display()
@@ -68,7 +68,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
         silent_since: Some(Instant::now()),
         electrodes,
     };
-    let ended = progress.steps("recording; Ctrl-C ends it", 0, |bar| {
+    let ended = progress.steps("recording; Ctrl-C stops it", 0, |bar| {
         let start = Instant::now();
         while taken.frames < args.frames.unwrap_or(u64::MAX)
             && limit.is_none_or(|limit| start.elapsed() < limit)
@@ -80,7 +80,7 @@ pub(crate) fn run(args: &RecordArgs) -> Result<Ended, CliError> {
             taken.next(&session, &mut writer, WAIT, &mut |words| bar.note(words))?;
             if let Some(since) = taken.silent_since.filter(|since| since.elapsed() > TOLD_SILENCE) {
                 let silent_s = since.elapsed().as_secs_f64();
-                bar.set_message(&format!("NO FRAME for {silent_s:.0} s; Ctrl-C ends it"));
+                bar.set_message(&format!("NO FRAME for {silent_s:.0} s; Ctrl-C stops it"));
             } else if taken.frames.is_multiple_of(16) {
                 bar.set_message(&taken.progress(session.statistics().lost));
             }
@@ -134,8 +134,9 @@ struct Taken {
 impl Taken {
     /// Status shown during a recording.
     fn progress(&self, lost: u64) -> String {
-        let rate = self.rate.recent_hz().map_or(String::new(), |hz| format!(", {hz:.1} a second"));
-        format!("{} frames{rate}, {lost} lost; Ctrl-C ends it", self.frames)
+        let rate =
+            self.rate.recent_hz().map_or(String::new(), |hz| format!(", {hz:.1} per second"));
+        format!("{} frames{rate}, {lost} lost; Ctrl-C stops it", self.frames)
     }
 
     /// Waits for an event and records it; returns false if there was none.
@@ -197,7 +198,7 @@ fn stopped(error: CliError, place: &Path, frames: u64) -> CliError {
             while let Ok(Some(entry)) = reader.next_entry() {
                 whole += u64::from(matches!(entry, eit_hw::capture::Entry::Frame(_)));
             }
-            format!("{} holds {whole} frames; {frames} came in this run", place.display())
+            format!("{} contains {whole} frames; {frames} arrived in this run", place.display())
         }
         Err(_) => format!("{} is not readable", place.display()),
     };
@@ -227,7 +228,7 @@ fn answer(
     let bytes = std::fs::metadata(place).map_or(0, |data| data.len());
     let new_bytes = bytes.saturating_sub(bytes_before);
     let text = format!(
-        "{} frames of {} in {}{}, {:.1} kB a frame; {} lost, {} with flagged values, {} damaged \
+        "{} frames of {} in {}{}, {:.1} kB per frame; {} lost, {} with flagged values, {} damaged \
          bytes, {} reconnections",
         taken.frames,
         session.setup().identity,

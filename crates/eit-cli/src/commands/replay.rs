@@ -24,7 +24,7 @@ pub(crate) fn run(args: &ReplayArgs, is_json: bool) -> Result<Answer, CliError> 
     let model = Arc::new(LiveModel::from_scene(&scene, frames, &mut progress)?);
     let protocol = &model.skin().protocol;
     let quadruples = protocol.quadruples().ok_or_else(|| {
-        CliError::input("[protocol] has general current patterns, which no recording names")
+        CliError::input("[protocol] has general current patterns, which recordings do not support")
     })?;
     let pace = args.speed.map_or(Pace::OnDemand, Pace::Speed);
     let mut replay = Replay::open(&args.from, Some(quadruples), pace)?;

@@ -53,7 +53,7 @@ pub(super) fn real<T>(
 fn accuracy(args: &SolveArgs) -> Result<Option<f64>, CliError> {
     match args.accuracy {
         Some(value) if !(value > 0.0 && value < 1.0) => {
-            let why = "a part of the largest voltage is above 0 and below 1";
+            let why = "a fraction of the largest voltage, it must be above 0 and below 1";
             Err(CliError::input(format!("--accuracy {value}: {why}")))
         }
         accuracy => Ok(accuracy),
@@ -68,7 +68,7 @@ pub(super) fn complex<T>(
     take: impl FnOnce(&mut AdmittivitySolution<'_>) -> T,
 ) -> Result<Solved<T, AdmittivityReport>, CliError> {
     if args.accuracy.is_some() {
-        let why = "complex voltages are solved one way; its report bounds their rounding";
+        let why = "complex voltages are only solved in one way, whose report bounds their rounding";
         return Err(CliError::input(format!("--accuracy: {why}")));
     }
     let skin = ReactiveSkin::set_up(scene, &mesh(args), progress)?;
@@ -88,7 +88,7 @@ pub(super) fn complex<T>(
 fn conductivity(path: &Path, elements: usize) -> Result<Vec<f64>, CliError> {
     let table = per_element(path, elements)?;
     if table.imaginary.is_some() {
-        let message = "complex values; a conductivity is real, and nothing in the scene stores charge \
+        let message = "complex values; a conductivity is real, and the scene stores no charge \
                        (protocol.frequency_hz and a capacitance)";
         return Err(CliError::input(format!("{}: {message}", path.display())));
     }

@@ -125,7 +125,7 @@ impl Terminal {
     /// Shows progress while the reference is taken.
     pub fn waiting(&mut self, left: usize) {
         if self.is_on {
-            self.say(&format!("touch nothing: {left} more frames for the reference\n"));
+            self.say(&format!("do not touch the skin: {left} more frames for the reference\n"));
         }
     }
 
@@ -150,7 +150,7 @@ impl Terminal {
         self.last = Some(Instant::now());
         self.arrivals.clear();
         let silent_s = silence.as_secs_f64();
-        let words = "check its power and cable; the picture is old";
+        let words = "check its power and cable; the picture is outdated";
         let text = format!("{}NO FRAME for {silent_s:.1} s: {words}\n", self.shown);
         self.say(&text);
     }
@@ -179,9 +179,9 @@ impl Terminal {
             _ => 0.0,
         };
         let latency =
-            shown.latency_s.map_or(String::new(), |s| format!(", {:.1} ms late", 1e3 * s));
+            shown.latency_s.map_or(String::new(), |s| format!(", latency {:.1} ms", 1e3 * s));
         // writing to a String cannot fail
-        let _ = writeln!(text, "frame {}, {rate:.1} a second{latency}", shown.frame.sequence);
+        let _ = writeln!(text, "frame {}, {rate:.1} per second{latency}", shown.frame.sequence);
         for touch in shown.touches.iter().filter(|touch| touch.state != TouchState::End) {
             let [x, y, _] = touch.position_m.map(|part| 1e3 * part);
             let _ = writeln!(

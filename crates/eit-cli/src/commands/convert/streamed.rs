@@ -54,7 +54,7 @@ impl<'a> Source<'a> {
             let Damage { bad_chunks, bad_messages, .. } = found.damage;
             return Err(CliError::input(format!(
                 "{}: no complete frame found ({bad_chunks} chunks and {bad_messages} messages are \
-                 damaged or too large); record it anew",
+                 damaged or too large); record it again",
                 path.display()
             )));
         }
@@ -65,8 +65,8 @@ impl<'a> Source<'a> {
         let first = &found.session.quadruples;
         if !first.is_empty() && *first != session.quadruples {
             return Err(CliError::input(format!(
-                "{}: sessions of {} and {} measurements differ in them; record each set-up in a file of \
-                 its own",
+                "{}: contains sessions with different measurements ({} and {}); record each set-up in its \
+                 own file",
                 self.path.display(),
                 first.len(),
                 session.quadruples.len()
@@ -92,8 +92,8 @@ impl<'a> Source<'a> {
             (found.count, found.complex) = (count, complex);
         } else if (count, complex) != (found.count, found.complex) {
             return Err(CliError::input(format!(
-                "{}: frame {} has {count} values, but those before have {}; record each set-up in a \
-                 file of its own",
+                "{}: frame {} has {count} values, but earlier ones have {}; record each set-up in its \
+                 own file",
                 self.path.display(),
                 frame.sequence,
                 found.count

@@ -30,7 +30,7 @@ impl Questions {
                 "disc" | "d" => return Ok(ShapeArg::Disc),
                 "rectangle" | "r" => return Ok(ShapeArg::Rectangle),
                 other => eprintln!(
-                    "\"{other}\" is neither disc nor rectangle; for others see docs/SCENE.md"
+                    "\"{other}\" is neither disc nor rectangle; for other shapes see docs/SCENE.md"
                 ),
             }
         }
@@ -41,7 +41,7 @@ impl Questions {
             let text = self.ask(flag, question)?;
             match text.replace(',', ".").parse::<f64>() {
                 Ok(number) if number > 0.0 && number <= 1e5 => return Ok(number),
-                _ => eprintln!("\"{text}\" is no number above 0"),
+                _ => eprintln!("\"{text}\" is not a number above 0"),
             }
         }
     }
@@ -51,7 +51,7 @@ impl Questions {
             let text = self.ask(flag, question)?;
             match text.parse::<usize>() {
                 Ok(count) if count >= 4 => return Ok(count),
-                _ => eprintln!("\"{text}\" is no count of 4 or more"),
+                _ => eprintln!("\"{text}\" is not a whole number of 4 or more"),
             }
         }
     }

@@ -32,7 +32,7 @@ pub(super) fn find(
     let scene = first.scene()?;
     let instrument = scene.instrument()?;
     let mut session = connect::open(&instrument, args.port.as_deref(), Overflow::Fail)?;
-    questions.say("taking the untouched skin: touch nothing");
+    questions.say("measuring the untouched skin: do not touch it");
     let (untouched, rate_hz) = untouched(&mut session)?;
     let window = ((HOLD_S * rate_hz) as usize).clamp(4, 1000);
     let mut watch = PressWatch::new(&untouched, window)?;
@@ -53,7 +53,7 @@ pub(super) fn find(
                 args.press_wait_s
             ))
         })?;
-        questions.say("seen; let go");
+        questions.say("detected; release it");
         released(&mut session, &mut watch, wait)?;
         presses.push(KnownPress { place_m, change });
     }
@@ -69,7 +69,7 @@ pub(super) fn find(
             false => (numbering.likeness, of_other.likeness),
         };
         if is_better {
-            found.lines.push(format!("The presses are more like {}.", words(rival)));
+            found.lines.push(format!("The presses match better: {}.", words(rival)));
             (numbering, first.protocol) = (of_other, other.protocol);
         }
         (numbering.likeness, numbering.next_likeness) =
@@ -89,8 +89,8 @@ pub(super) fn find(
     };
     found.lines.push(format!(
         "Two presses: electrode 1 is at {:.1} degrees, counted {counted}; a touch {changes} the \
-         conductivity (likeness to the model {:.2}, next best numbering {:.2}; presses are found up to \
-         {:.0} mm off).",
+         conductivity (likeness to the model {:.2}, next best numbering {:.2}; presses are located within \
+         {:.0} mm).",
         numbering.first_angle_deg,
         numbering.likeness,
         numbering.next_likeness,
@@ -98,7 +98,7 @@ pub(super) fn find(
     ));
     if numbering.likeness < UNLIKE || numbering.likeness - numbering.next_likeness < CLEAR {
         found.warnings.push(
-            "the presses do not tell the numbering for certain: press with one fingertip exactly at the \
+            "the presses do not determine the numbering with certainty: press with one fingertip exactly at the \
              places, or set first_angle_deg and direction by hand"
                 .to_owned(),
         );
@@ -115,7 +115,7 @@ fn untouched(session: &mut Session) -> Result<(Vec<Vec<f64>>, f64), CliError> {
     }) {
         if start.elapsed() > FRAMES_WAIT {
             let message = format!(
-                "{} frames of the untouched skin came within {} s, {UNTOUCHED_FRAMES} are needed",
+                "{} frames of the untouched skin within {} s, but {UNTOUCHED_FRAMES} are needed",
                 frames.len(),
                 FRAMES_WAIT.as_secs()
             );

@@ -29,7 +29,7 @@ impl Outputs {
             if let Some(out) = outs.iter().find(|out| is_same(out, &input)) {
                 let (out, input) = (out.display(), input.display());
                 let message = format!(
-                    "{out}: --out would write over {what} {input}: name another file with --out"
+                    "{out}: --out would overwrite {what} {input}: name another file with --out"
                 );
                 return Err(CliError::input(message));
             }
@@ -120,9 +120,9 @@ fn write_png(file: OutFile, learned: &LearnedSkin, curve: &[CurvePoint]) -> Resu
         series.push(Series { name, points, line: true, markers: false });
     }
     let picture = draw_plot(&Plot {
-        title: "Place by what was learnt".to_owned(),
-        footnote: "learnt from the first presses in time, tested on all after them".to_owned(),
-        x_label: "presses learnt from".to_owned(),
+        title: "Position error after learning".to_owned(),
+        footnote: "the first presses are learnt, all later ones tested".to_owned(),
+        x_label: "presses learnt".to_owned(),
         y_label: "error, mm".to_owned(),
         x_log: true,
         y_log: true,
