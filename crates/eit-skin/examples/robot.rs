@@ -1,5 +1,5 @@
-//! Opens a scene's skin and prints its touches live: `cargo run --example robot --features hw -- SCENE
-//! [PORT]`.
+//! Prints the touches of a scene's instrument live:
+//! `cargo run --example robot --features hw -- SCENE [PORT]`.
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
 use eit_skin::{Skin, SkinError};

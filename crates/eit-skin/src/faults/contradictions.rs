@@ -7,12 +7,11 @@ const FAULTY: f64 = 0.5;
 /// The same once another electrode is faulty: a single fault leaves almost nothing else wrong, and by chance
 /// one in eight measurements of a floating electrode looks right.
 const FAULTY_TOO: f64 = 0.25;
-/// A pair is wrong if its halves differ by more than the sum of this many standard deviations of the noise,
-/// ...
+/// A pair is wrong if its halves differ by more than this many standard deviations of the noise ...
 const WRONG_STD: f64 = 10.0;
-/// ... this fraction of their change, because the gains of real channels differ, ...
+/// ... plus this fraction of their change, because the gains of real channels differ, ...
 const WRONG_PART: f64 = 0.25;
-/// ... and this fraction of their reference, because real channels drift apart.
+/// ... plus this fraction of their reference, because real channels drift apart.
 const WRONG_DRIFT: f64 = 1e-3;
 /// A measurement below this fraction of its reference is dead.
 const DEAD: f64 = 0.02;

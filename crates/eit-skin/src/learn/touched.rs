@@ -81,7 +81,8 @@ pub(super) fn refuse_untouched(
         let weak = change.parts.iter().find(|(_, part)| *part < LEAST_PART);
         if let Some((frame, part)) = weak {
             return Err(SkinError::input(format!(
-                "frame {frame} shows {:.0} % of the mean change of frames {first} to {last}: name only frames \
+                "frame {frame} shows {:.0} % of the mean change of frames {first} to {last}: name \
+                 only frames \
                  that show the press",
                 100.0 * part
             ))

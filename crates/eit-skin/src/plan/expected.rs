@@ -79,7 +79,8 @@ impl Expected {
         let Nearest { scene, why } = &self.nearest;
         let mut lines = vec![match &self.row {
             Some(row) => format!(
-                "expected error of the images: {:.2} of the truth's norm (1: an empty image), as measured with \
+                "expected error of the images: {:.2} of the truth's norm (1: an empty image), as \
+                 measured with \
                  {} on {scene}, the built-in scene most like this one ({why})",
                 row.relative_error,
                 row.words()

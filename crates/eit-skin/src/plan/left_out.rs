@@ -62,7 +62,8 @@ pub fn of(skin: &Skin, method: Method, sequence: Sequence, noise_is_known: bool)
     if skin.settings.reconstruction.electrode_movement_m.is_none()
         && method != Method::GaussNewtonAbsolute
     {
-        let why = "no reconstruction.electrode_movement_m: images assume fixed electrodes; where the rim of a \
+        let why = "no reconstruction.electrode_movement_m: images assume fixed electrodes; where \
+                   the rim of a \
                    fabric gives way, they show spots at electrodes (touches allow for 0.2 mm)";
         list.push(("electrode movement", why.to_owned()));
     }

@@ -66,9 +66,12 @@ impl VoltageError {
                  (homogeneous skin, against {})",
                 self.against
             ),
-            None => "expected error of the voltages: unknown (these elements cannot be judged here on the mesh of \
+            None => {
+                "expected error of the voltages: unknown (these elements cannot be judged here \
+                     on the mesh of \
                      a file, or with shunts and ideal sources); compare with a finer mesh"
-                .to_owned(),
+                    .to_owned()
+            }
         }];
         lines.push(match (self.noise, self.of_mesh) {
             (Some(noise), Some(error)) => format!(

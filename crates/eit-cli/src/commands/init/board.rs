@@ -86,7 +86,8 @@ fn text_board(
     found.lines.push(format!("Best match: {}.", words(best)));
     if best.is_doubted() || best.correlation < UNLIKE {
         found.warnings.push(
-            "no protocol fits well: a contact may be open (`eit check`), the board may use its own order of the \
+            "no protocol fits well: a contact may be open (`eit check`), the board may use its own \
+             order of the \
              values ([protocol] quadruples_file), or the electrodes may not be equally spaced"
                 .to_owned(),
         );
@@ -157,7 +158,8 @@ fn other_board(
             let what = match (heard.bytes, heard.binary_share > BINARY) {
                 (0, _) => "nothing was received".to_owned(),
                 (bytes, true) => format!(
-                    "{bytes} bytes were received, {:.0} % of them not text (a binary protocol, or another --baud)",
+                    "{bytes} bytes were received, {:.0} % of them not text (a binary protocol, or \
+                     another --baud)",
                     100.0 * heard.binary_share
                 ),
                 (bytes, false) => {
@@ -170,7 +172,8 @@ fn other_board(
                 }
             };
             Err(CliError::Silent(format!(
-                "{port}: {what}; request by EITS-1: {error}. For another kind of board, set [instrument] driver in the \
+                "{port}: {what}; request by EITS-1: {error}. For another kind of board, set \
+                 [instrument] driver in the \
                  scene (docs/SCENE.md)"
             )))
         }

@@ -98,7 +98,8 @@ pub(super) fn find(
     ));
     if numbering.likeness < UNLIKE || numbering.likeness - numbering.next_likeness < CLEAR {
         found.warnings.push(
-            "the presses do not determine the numbering with certainty: press with one fingertip exactly at the \
+            "the presses do not determine the numbering with certainty: press with one fingertip \
+             exactly at the \
              places, or set first_angle_deg and direction by hand"
                 .to_owned(),
         );

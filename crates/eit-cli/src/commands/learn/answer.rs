@@ -16,7 +16,8 @@ pub(super) fn answer(args: &LearnArgs, found: &Found, progress: &Progress) -> An
 pub(super) fn notes(learning: &Learning, pressed: &PressFrames) -> Vec<String> {
     let unlike = learning.unlike.iter().map(|unlike| {
         format!(
-            "{}: judging by the other presses, no touch anywhere explains {:.0} % of its change: was the skin \
+            "{}: judging by the other presses, no touch anywhere explains {:.0} % of its change: \
+             was the skin \
              pressed at this place, and only there? The press is learnt all the same",
             pressed.name(unlike.press),
             100.0 * unlike.rest
@@ -66,7 +67,8 @@ fn text(args: &LearnArgs, found: &Found) -> String {
     }
     lines.push(match &learned.force {
         Some(force) => format!(
-            "force: {:.2} to {:.2} N were learnt, from the strength by {}; error of presses held out singly {:.0} %",
+            "force: {:.2} to {:.2} N were learnt, from the strength by {}; error of presses held \
+             out singly {:.0} %",
             force.curve.forces_n[0],
             force.curve.forces_n[1],
             force.strength_by.words(),
@@ -99,7 +101,8 @@ fn without_force(learned: &LearnedSkin, without_touch: usize) -> String {
     match without_touch {
         0 => format!("no force: {stated} presses state force_n, but three are needed"),
         _ => format!(
-            "no force: {stated} presses state force_n, and a touch was found in {} of them, but three are needed",
+            "no force: {stated} presses state force_n, and a touch was found in {} of them, but \
+             three are needed",
             stated.saturating_sub(without_touch)
         ),
     }
