@@ -190,14 +190,14 @@ fn what_cannot_be_together_is_refused() {
     let scene = key(KEY);
     let says = refuse(&["train", text(&scene), "--out", &format!("{out}.safetensors")]);
     let why = match cfg!(feature = "train") {
-        true => "`eit train` does not know",
+        true => "`eit train` does not support",
         false => "built without training",
     };
     assert!(says.contains(why), "{says}");
     let images = folder.path().join("images.npy");
     ndarray_npy::write_npy(&images, &Array3::<f64>::zeros((1, 32, 32))).unwrap();
     let says = refuse(&["denoise", text(&scene), "--images", text(&images), "--out", out]);
-    assert!(says.contains("`eit denoise` does not know"), "{says}");
+    assert!(says.contains("`eit denoise` does not support"), "{says}");
 
     let voltages = folder.path().join("v.npy");
     succeed(&["forward", text(&scene), "--out", text(&voltages)]);

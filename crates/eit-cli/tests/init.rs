@@ -99,7 +99,7 @@ fn init(truth: &FirstScene, times: f64, folder: &Path, arguments: &[&str]) -> (V
             which.store(1, Ordering::Relaxed);
         } else if line.starts_with("press 2") {
             which.store(2, Ordering::Relaxed);
-        } else if line.starts_with("seen") {
+        } else if line.starts_with("detected") {
             which.store(0, Ordering::Relaxed);
         }
         said += &format!("{line}\n");

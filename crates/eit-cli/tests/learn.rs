@@ -189,13 +189,13 @@ fn inputs_are_not_written_over() {
     let said = run("a.curve.csv", "frames.csv", "a.learned", &[]);
     assert!(said.contains("a.curve.csv: --out would overwrite the presses"), "{said}");
     let said = run("presses.csv", "a.curve.csv", "a.learned", &[]);
-    assert!(said.contains("over the frames"), "{said}");
+    assert!(said.contains("overwrite the frames"), "{said}");
     let old = path("b.learned");
     let said = run("presses.csv", "frames.csv", "b.learned", &["--with", text(&old)]);
-    assert!(said.contains("over the earlier file"), "{said}");
+    assert!(said.contains("overwrite the earlier file"), "{said}");
     let curve = path("a.curve.csv");
     let said = run("presses.csv", "frames.csv", "a.learned", &["--reference", text(&curve)]);
-    assert!(said.contains("over the reference"), "{said}");
+    assert!(said.contains("overwrite the reference"), "{said}");
     // the curve of presses.learned is not presses.csv: the run stops because there is only one press
     let said = run("presses.csv", "frames.csv", "presses.learned", &[]);
     assert!(!said.contains("overwrite"), "{said}");

@@ -28,7 +28,7 @@ pub(crate) fn run(args: &CheckArgs) -> Result<Ended, CliError> {
     let mut session = progress
         .stage("connect", || connect::open(&instrument, args.port.as_deref(), Overflow::Fail))?;
     let limit = Duration::from_secs_f64(args.seconds);
-    let quiet = progress.stage("measure: touch nothing", || {
+    let quiet = progress.stage("measure: do not touch the skin", || {
         measure_reference_frames(&mut session, args.frames, limit)
     })?;
     let statistics = session.statistics();
