@@ -10,7 +10,7 @@ use eit_inverse::touch::DetectedTouch;
 use ndarray::Array2;
 use std::ops::RangeInclusive;
 
-/// Frames of presses, with the untouched frame subtracted from each.
+/// Frames of presses, each with the untouched frame to subtract from it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PressFrames {
     /// `[press, measurement]`, volts; arbitrary for measurements that do not count.

@@ -1,6 +1,6 @@
-//! Scenes that come with the program.
+//! Built-in scenes.
 
-/// Built-in scenes.
+/// Names of the built-in scenes.
 pub const NAMES: [&str; 8] = [
     "paper-disc",
     "stiff-contact",

@@ -106,7 +106,7 @@ pub enum DeltaRule {
 pub enum PriorKind {
     /// Identity: small changes.
     Tikhonov,
-    /// Diagonal of the squared sensitivity.
+    /// Diagonal, from the sensitivity of each element.
     Noser,
     /// Smooth changes.
     Laplace,
