@@ -1,4 +1,4 @@
-//! Images of a live stream that are made only while somebody looks.
+//! Images of a live stream that are only made while they are needed.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -15,7 +15,7 @@ use eit_skin::{LiveStream, MeshOverride, Progress, Skin};
 use std::sync::Arc;
 
 const REFERENCE: usize = 20;
-/// A finger stays for these frames after the reference, then the skin is untouched.
+/// A finger stays for this number of frames after the reference, then the skin is untouched.
 const TOUCHED: usize = 4;
 const ALL: usize = 12;
 
@@ -59,7 +59,7 @@ fn frames(model: &LiveModel, step_s: f64) -> Vec<Frame> {
     (0..REFERENCE + ALL).map(frame).collect()
 }
 
-/// The last image, where images are made of these frames after the reference alone.
+/// The last image, if images are only made of these frames after the reference.
 fn last_image(
     model: &Arc<LiveModel>,
     frames: &[Frame],
@@ -83,8 +83,8 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
-/// After half a second without an image the next one is not linked to the last, whatever that showed; after a
-/// few frames without one it still is.
+/// An image is not coupled to one that is more than half a second older, whatever that showed; after a few frames
+/// without an image it still is.
 #[test]
 fn an_image_after_a_long_gap_is_as_a_first_one() {
     let model = model();

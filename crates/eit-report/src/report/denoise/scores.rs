@@ -13,26 +13,26 @@ use eit_mesh::Raster;
 use ndarray::{Array2, ArrayView2, ArrayView3, Axis};
 use std::collections::BTreeMap;
 
-/// A finger weaker than this is on its way: its frame counts for nothing, newton.
+/// A finger with less force is still arriving or leaving, and its frame is not counted, newtons.
 pub(super) const FULL_N: f64 = 0.2;
-/// Part of a variant's usual maximum that a blob must reach to be one: of the touched frames of the
-/// sequence, or, for one without truth, of those with it.
+/// Minimum peak of a blob relative to the variant's usual maximum in the touched frames of the
+/// sequence or, for a sequence without truth, of those with truth.
 pub(super) const FLOOR: f64 = 0.25;
-/// Farthest that a blob may be from its finger, metres.
+/// Maximum distance of a blob from its finger, metres.
 pub(super) const WITHIN_M: f64 = 0.025;
 
-/// What all sequences are judged by.
+/// Criteria shared by all sequences.
 pub(super) struct Evaluation<'a> {
     raster: &'a Raster,
     cells: Cells<2>,
-    /// Least peak of a blob: by sequence, by variant.
+    /// Minimum peak of a blob, by sequence and variant.
     floors: BTreeMap<&'static str, BTreeMap<String, f64>>,
 }
 
-/// Figures of one variant of a sequence, one entry for each frame that counts.
+/// Figures of one variant of a sequence, with one entry per counted frame.
 #[derive(Default)]
 pub(super) struct VariantScores {
-    /// Mean squared error; over the raw image's after [`VariantScores::relative_to`].
+    /// Mean squared error; relative to the raw image's after [`VariantScores::relative_to`].
     pub over_raw: Vec<f64>,
     psnr_db: Vec<f64>,
     similarity: Vec<f64>,
@@ -40,15 +40,15 @@ pub(super) struct VariantScores {
     errors_m: Vec<f64>,
     fingers: usize,
     invented: usize,
-    /// Frames without a finger, after the quiet ones, and their blobs.
+    /// Number of frames without a finger after the quiet ones, and of their blobs.
     idle: usize,
     idle_blobs: usize,
 }
 
-/// What touches in a frame.
+/// The fingers in a frame.
 enum Present {
     Nothing,
-    /// Some finger is on its way.
+    /// At least one finger is arriving or leaving.
     Unclear,
     Fingers(Vec<[f64; 2]>),
 }
@@ -65,7 +65,7 @@ fn present(sequence: &HeldOutSequence, frame: usize) -> Present {
 }
 
 impl<'a> Evaluation<'a> {
-    /// Takes the floors from touched frames.
+    /// Determines the minimum peaks from touched frames.
     pub fn new(raster: &'a Raster, imaged: &[ImagedSequence]) -> Result<Self, ReportError> {
         let mut floors: BTreeMap<&str, BTreeMap<String, f64>> = BTreeMap::new();
         let mut all: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
@@ -91,7 +91,7 @@ impl<'a> Evaluation<'a> {
         Ok(Self { raster, cells: Cells::of_raster(raster), floors })
     }
 
-    /// Scores of a variant of a sequence.
+    /// Evaluates a variant of a sequence.
     pub fn scores(
         &self,
         sequence: &HeldOutSequence,
@@ -128,13 +128,13 @@ impl<'a> Evaluation<'a> {
         Ok(scores)
     }
 
-    /// Least peak of a blob.
+    /// Minimum peak of a blob.
     fn floor(&self, sequence: &HeldOutSequence, variant: &ImageVariant) -> f64 {
         let of_sequence = self.floors.get(sequence.name);
         of_sequence.and_then(|floors| floors.get(&variant.name)).copied().unwrap_or(0.0)
     }
 
-    /// Blobs of an image against the fingers.
+    /// Compares the blobs of an image with the fingers.
     fn blobs(
         &self,
         image: ArrayView2<'_, f64>,
@@ -151,7 +151,7 @@ impl<'a> Evaluation<'a> {
     }
 }
 
-/// The largest value of an image.
+/// Largest value of an image.
 fn peak(image: ArrayView2<'_, f64>) -> f64 {
     image.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max)
 }
@@ -164,7 +164,7 @@ impl VariantScores {
         raster: &Raster,
         most: f64,
     ) -> Result<(), ReportError> {
-        // the meshes' rims differ by a pixel here and there
+        // the rims of the meshes differ by a pixel in places
         let mask = Array2::from_shape_fn(image.dim(), |at| {
             raster.mask()[at] && truth[at].is_finite() && image[at].is_finite()
         });
@@ -182,7 +182,7 @@ impl VariantScores {
         Ok(())
     }
 
-    /// Errors as parts of the raw images'.
+    /// Divides the errors by those of the raw images.
     pub fn relative_to(mut self, raw: &[f64]) -> Self {
         for (error, raw) in self.over_raw.iter_mut().zip(raw) {
             *error /= raw;
@@ -209,14 +209,14 @@ impl VariantScores {
         ]
     }
 
-    /// A row of the table of other frames; `None` for a script that leaves none.
+    /// A row of the table of other frames; `None` if the script has too few of them.
     pub fn foreign_row(
         &self,
         sequence: &HeldOutSequence,
         variant: &ImageVariant,
     ) -> Option<Vec<Cell>> {
         let scripted = sequence.truth.is_some();
-        // a palm is there all the time but while it moves on
+        // a palm is always present, except while it moves
         let palm = !scripted && self.fingers > 0;
         let (frames, blobs) = match palm {
             true => (self.fingers, self.errors_m.len() + self.invented),
