@@ -13,20 +13,6 @@ use serde::Serialize;
 /// The page: no file besides it is loaded.
 const PAGE: &str = include_str!("web/page.html");
 
-/// What the page draws the skin from.
-#[derive(Debug, Clone, Serialize)]
-#[serde(tag = "type", rename = "skin")]
-pub struct SkinShape {
-    /// Name of the skin.
-    pub name: String,
-    /// Closed curves, metres: the outer one, then holes.
-    pub outlines_m: Vec<Vec<[f64; 2]>>,
-    /// Points of each electrode, metres, in the order of their numbers.
-    pub electrodes_m: Vec<Vec<[f64; 2]>>,
-    /// Borders of images: least x, largest x, least y, largest y, metres.
-    pub extent_m: [f64; 4],
-}
-
 /// An image for the page.
 #[derive(Serialize)]
 #[serde(tag = "type", rename = "image")]

@@ -1,9 +1,9 @@
 //! Browsers that come and go, and what all of them get.
 
-use super::SkinShape;
 use super::connection::answer;
 use super::request::Access;
 use crate::error::PublishError;
+use crate::shape::SkinShape;
 use std::io;
 use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs as _};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
