@@ -3,6 +3,7 @@
 
 mod clock;
 mod latency;
+mod lines;
 mod link;
 mod placement;
 mod settings;

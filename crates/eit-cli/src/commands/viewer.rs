@@ -73,7 +73,7 @@ impl<'a> Viewer<'a> {
     ) -> Result<(), CliError> {
         self.publisher = publisher;
         let Some(publisher) = &mut self.publisher else { return Ok(()) };
-        if publisher.has_web() {
+        if publisher.takes_images() {
             publisher.skin(&publish::shape(self.model)?)?;
         }
         let skin = self.model.skin();
@@ -91,8 +91,7 @@ impl<'a> Viewer<'a> {
         self.silent_since.is_some()
     }
 
-    /// Whether images are seen besides those of the page; where nothing else is asked for, the summary tells of
-    /// them.
+    /// Whether images are used other than by sinks; if nothing else is asked for, the summary reports them.
     fn is_seen(&self) -> bool {
         let is_kept = self.picture.is_some() || self.kept.is_some();
         self.terminal.is_on() || is_kept || self.publisher.is_none()
@@ -185,7 +184,7 @@ impl LiveObserver for Viewer<'_> {
     }
 
     fn wants_images(&self) -> bool {
-        self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::has_web)
+        self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::takes_images)
     }
 
     fn wants_image(&self) -> bool {

@@ -150,6 +150,11 @@ impl Body {
         self.state.latency()
     }
 
+    /// Forgets the latencies so far.
+    pub fn reset_latency(&mut self) {
+        self.state.reset_latency();
+    }
+
     /// Messages dropped because they came faster than they were joined, and lists that zenoh did not take.
     pub fn dropped(&self) -> [u64; 2] {
         [self.overflowed.load(Ordering::Relaxed), self.refused]

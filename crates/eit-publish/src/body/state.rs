@@ -249,6 +249,11 @@ impl BodyState {
         &self.latency
     }
 
+    /// Forgets the latencies so far.
+    pub fn reset_latency(&mut self) {
+        self.latency = Latency::default();
+    }
+
     fn listed(&mut self, now_s: f64) {
         for sent_s in self.unlisted.drain(..) {
             self.latency.add(now_s - sent_s);
