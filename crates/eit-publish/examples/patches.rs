@@ -101,8 +101,7 @@ fn measure(patches: usize, seconds: f64, kind: &str) -> Result<(), Box<dyn Error
         .map(|n| format!("[[patch]]\nname = \"p{n}\"\ntopic = \"skin/p{n}\"\n"))
         .collect();
     let mut settings = BodySettings::parse(&file)?;
-    settings.session =
-        SessionSettings { listen: vec![address.clone()], ..SessionSettings::default() };
+    settings.session.listen = vec![address.clone()];
     settings.topic = Some("body".to_owned());
     let mut body = Body::open(&settings)?;
     let program = std::env::current_exe()?;

@@ -257,7 +257,7 @@ fn wait(body: &mut Body, wanted: impl Fn(&BodyNews) -> bool) -> BodyNews {
 fn two_patches_by_zenoh() {
     let address = endpoint();
     let mut settings = BodySettings::parse(&FILE.replace("silent_after_s = 0.4", "")).unwrap();
-    settings.session = SessionSettings { listen: vec![address.clone()], ..Default::default() };
+    settings.session.listen = vec![address.clone()];
     let mut body = Body::open(&settings).unwrap();
     let (sender, heard) = std::sync::mpsc::channel();
     let node = SessionSettings { connect: vec![address.clone()], ..Default::default() };
@@ -349,7 +349,7 @@ fn two_patches_by_zenoh() {
 fn messages_that_cannot_be_read_are_named() {
     let address = endpoint();
     let mut settings = BodySettings::parse(FILE).unwrap();
-    settings.session = SessionSettings { listen: vec![address.clone()], ..Default::default() };
+    settings.session.listen = vec![address.clone()];
     let mut body = Body::open(&settings).unwrap();
     let other = SessionSettings { connect: vec![address], ..Default::default() }.open().unwrap();
     let begun = Instant::now();

@@ -49,7 +49,7 @@ impl Listener {
 
 fn settings(connect: &[&str], listen: &[&str]) -> SessionSettings {
     let own = |endpoints: &[&str]| endpoints.iter().map(|&text| text.to_owned()).collect();
-    SessionSettings { connect: own(connect), listen: own(listen), config: None }
+    SessionSettings { connect: own(connect), listen: own(listen), ..Default::default() }
 }
 
 /// A sink that connects to an address.

@@ -39,6 +39,7 @@ fn open_zenoh(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, Cli
         connect: args.session.zenoh_connect.clone(),
         listen: args.session.zenoh_listen.clone(),
         config: args.session.zenoh_config.clone(),
+        is_hub: false,
     };
     if args.zenoh_every_frame {
         settings.change = None;

@@ -143,6 +143,7 @@ impl BodySettings {
                 connect: file.zenoh.connect,
                 listen: file.zenoh.listen,
                 config: file.zenoh.config,
+                is_hub: true,
             },
             patches: file.patch.into_iter().map(PatchSettings::new).collect::<Result<_, _>>()?,
         })

@@ -31,10 +31,12 @@ pub struct Time {
 impl Time {
     /// Converts seconds since 1970; saturates at the ends of the type, and NaN becomes 0.
     pub fn from_seconds(seconds: f64) -> Self {
-        let nanoseconds = (seconds * 1e9).round();
-        let sec = (nanoseconds / 1e9).floor();
-        let nanosec = (nanoseconds - sec * 1e9).clamp(0.0, 999_999_999.0);
-        Self { sec: sec as i32, nanosec: nanosec as u32 }
+        let whole = seconds.floor();
+        let nanoseconds = ((seconds - whole) * 1e9).round();
+        // what rounds up to a second is one
+        let carry = f64::from(u8::from(nanoseconds >= 1e9));
+        let nanosec = (nanoseconds - 1e9 * carry).max(0.0);
+        Self { sec: (whole + carry) as i32, nanosec: nanosec as u32 }
     }
 
     /// Seconds since 1970.

@@ -21,6 +21,9 @@ pub struct SessionSettings {
     pub listen: Vec<String>,
     /// A configuration file of zenoh (JSON5) to begin with. Endpoints given here replace its own.
     pub config: Option<PathBuf>,
+    /// Does not tell the peers that connect here about each other. Otherwise they connect to each other, too, as
+    /// nodes of ROS 2 do: a thousand patches would make half a million connections.
+    pub is_hub: bool,
 }
 
 impl SessionSettings {
@@ -50,15 +53,21 @@ impl SessionSettings {
         Ok(config)
     }
 
-    /// As `rmw_zenoh` configures its sessions, except that peers connect to the endpoints given and to routers
-    /// but not to each other: a thousand patches would make half a million connections.
+    /// As `rmw_zenoh` configures its sessions. Zenoh 1.10 routers do not forward between peers: nodes that meet at a
+    /// router connect to each other.
     fn base(&self) -> zenoh::Result<Config> {
         let mut config = Config::from_json5(
             r#"{
                 mode: "peer",
                 scouting: {
                     multicast: { enabled: false },
-                    gossip: { enabled: true, autoconnect: { router: [], peer: ["router"] } },
+                    gossip: {
+                        enabled: true,
+                        autoconnect: { router: [], peer: ["router", "peer"] },
+                        autoconnect_strategy: {
+                            peer: { to_router: "always", to_peer: "greater-zid" },
+                        },
+                    },
                 },
                 connect: {
                     retry: {
@@ -67,6 +76,9 @@ impl SessionSettings {
                 },
             }"#,
         )?;
+        if self.is_hub {
+            config.insert_json5("scouting/gossip/target", r#"{ router: [], peer: ["router"] }"#)?;
+        }
         if self.connect.is_empty() && self.listen.is_empty() {
             insert(&mut config, "connect/endpoints", &[ROUTER.to_owned()])?;
         }
