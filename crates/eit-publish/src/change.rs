@@ -79,3 +79,81 @@ impl ChangeFilter {
         is_wanted
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn touch() -> Touch {
+        Touch {
+            id: 1,
+            state: TouchState::Hold,
+            position_m: [0.0; 3],
+            position_covariance_m2: [[0.0; 3]; 3],
+            velocity_m_s: [0.0; 3],
+            area_m2: None,
+            intensity_s_m2: -1e-11,
+            intensity_std_s_m2: None,
+            peak_s: 0.0,
+            confidence: 1.0,
+            age_frames: 9,
+            age_s: 0.09,
+            valid: true,
+            whole: true,
+            split_from: None,
+            merged_into: None,
+            learnt: None,
+        }
+    }
+
+    fn frame(touches: &[Touch]) -> FrameCopy {
+        FrameCopy { touches: touches.to_vec(), whole: true, ..FrameCopy::default() }
+    }
+
+    /// Each change is published at once, and none is published twice before the heartbeat.
+    #[test]
+    fn what_changes_is_published() {
+        let heartbeat = Duration::from_millis(100);
+        let mut filter = ChangeFilter::new(Some(ChangeThreshold::default()), heartbeat);
+        let start = Instant::now();
+        let learnt = |force_n| {
+            let force_n = Some([force_n, 0.1]);
+            Touch { learnt: Some(eit_skin::LearntTouch { force_n, is_unlike: false }), ..touch() }
+        };
+        let sequence = [
+            (vec![], true),
+            (vec![], false),
+            (vec![Touch { state: TouchState::Begin, ..touch() }], true),
+            (vec![touch()], false),
+            (vec![Touch { position_m: [4e-4, 0.0, 0.0], ..touch() }], false),
+            (vec![Touch { position_m: [4e-4, 4e-4, 0.0], ..touch() }], true),
+            (
+                vec![Touch { position_m: [4e-4, 4e-4, 0.0], intensity_s_m2: -1.04e-11, ..touch() }],
+                false,
+            ),
+            (
+                vec![Touch { position_m: [4e-4, 4e-4, 0.0], intensity_s_m2: -1.06e-11, ..touch() }],
+                true,
+            ),
+            (vec![Touch { valid: false, ..touch() }], true),
+            (vec![learnt(1.0)], true),
+            (vec![learnt(1.04)], false),
+            (vec![learnt(1.06)], true),
+            (vec![Touch { id: 2, ..learnt(1.06) }], true),
+            (vec![Touch { id: 2, state: TouchState::End, ..learnt(1.06) }], true),
+            (vec![], true),
+            (vec![], false),
+        ];
+        for (step, (touches, wanted)) in sequence.iter().enumerate() {
+            assert_eq!(filter.wants(&frame(touches), start), *wanted, "step {step}");
+        }
+        let whole = FrameCopy { whole: false, ..frame(&[]) };
+        assert!(filter.wants(&whole, start) && !filter.wants(&whole, start));
+        let reconnected = FrameCopy { epoch: 1, ..whole };
+        assert!(filter.wants(&reconnected, start));
+        assert!(!filter.wants(&reconnected, start + heartbeat / 2));
+        assert!(filter.wants(&reconnected, start + heartbeat));
+        let mut every = ChangeFilter::new(None, heartbeat);
+        assert!(every.wants(&whole, start) && every.wants(&whole, start));
+    }
+}

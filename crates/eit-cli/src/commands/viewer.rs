@@ -48,9 +48,12 @@ impl<'a> Viewer<'a> {
             limit,
             interrupt: interrupt::listen()?,
             silent_since: Some(Instant::now()),
-            // lines have stdout for themselves, and the view would wipe the address of the page away
+            // lines need stdout to themselves, and the view would erase the printed addresses
             terminal: Terminal::new(
-                is_shown && !args.publish.json_lines && args.publish.web.is_none(),
+                is_shown
+                    && !args.publish.json_lines
+                    && args.publish.web.is_none()
+                    && args.publish.network.foxglove.is_none(),
             ),
             picture: args.picture.as_deref().map(Picture::new).transpose()?,
             writer: None,
