@@ -149,7 +149,7 @@ mod tests {
         }
         let whole = FrameCopy { whole: false, ..frame(&[]) };
         assert!(filter.wants(&whole, start) && !filter.wants(&whole, start));
-        let reconnected = FrameCopy { epoch: 1, ..whole };
+        let reconnected = FrameCopy { epoch: 1, ..whole.clone() };
         assert!(filter.wants(&reconnected, start));
         assert!(!filter.wants(&reconnected, start + heartbeat / 2));
         assert!(filter.wants(&reconnected, start + heartbeat));
