@@ -31,9 +31,8 @@ fn without_foxglove_the_way_to_get_it_is_told() {
 fn endpoints_need_a_key() {
     let args =
         ["replay", "paper-disc", "--from", "never.mcap", "--zenoh-connect", "tcp/127.0.0.1:1"];
-    let said = common::eit(&[&args[..], &["--json-lines"]].concat());
-    let said = String::from_utf8(said.stderr).unwrap();
-    assert!(said.contains("need --zenoh KEY"), "{said}");
+    let said = common::refuse(&args);
+    assert!(said.contains("--zenoh <KEY>"), "{said}");
 }
 
 #[cfg(feature = "zenoh")]

@@ -79,6 +79,7 @@ pub(crate) struct PublishArgs {
 
 /// ROS 2 by zenoh, and Foxglove.
 #[derive(Debug, Args)]
+#[cfg_attr(not(feature = "zenoh"), allow(dead_code, reason = "refused whatever they are"))]
 pub(crate) struct NetworkArgs {
     /// Publish as a node of ROS 2 by zenoh (rmw_zenoh): topics KEY/touches, KEY/image and /diagnostics, with KEY
     /// such as skin/left_arm. Needs a build with --features zenoh (docs/BODY.md).
@@ -113,15 +114,16 @@ pub(crate) struct NetworkArgs {
 
 /// The zenoh session of `--zenoh`.
 #[derive(Debug, Args)]
+#[cfg_attr(not(feature = "zenoh"), allow(dead_code, reason = "refused whatever they are"))]
 pub(crate) struct SessionArgs {
     /// Endpoint that zenoh connects to, repeatable [default: tcp/localhost:7447, the router of rmw_zenoh].
-    #[arg(long, value_name = "ENDPOINT")]
+    #[arg(long, value_name = "ENDPOINT", requires = "zenoh")]
     pub zenoh_connect: Vec<String>,
     /// Endpoint that zenoh listens at, repeatable [default: any free port of this computer].
-    #[arg(long, value_name = "ENDPOINT")]
+    #[arg(long, value_name = "ENDPOINT", requires = "zenoh")]
     pub zenoh_listen: Vec<String>,
     /// Configuration file of zenoh; endpoints given here replace its own.
-    #[arg(long, value_name = "F.json5")]
+    #[arg(long, value_name = "F.json5", requires = "zenoh")]
     pub zenoh_config: Option<PathBuf>,
 }
 

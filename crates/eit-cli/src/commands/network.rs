@@ -15,16 +15,6 @@ pub(super) fn is_wanted(args: &NetworkArgs) -> bool {
 
 /// Adds the sinks that are asked for.
 pub(super) fn open(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, CliError> {
-    let session = &args.session;
-    if args.zenoh.is_none()
-        && (!session.zenoh_connect.is_empty()
-            || !session.zenoh_listen.is_empty()
-            || session.zenoh_config.is_some())
-    {
-        return Err(CliError::input(
-            "--zenoh-connect, --zenoh-listen and --zenoh-config need --zenoh KEY",
-        ));
-    }
     let publisher = open_zenoh(args, publisher)?;
     open_foxglove(args, publisher)
 }
@@ -88,9 +78,9 @@ fn open_foxglove(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, 
 
 #[cfg(not(feature = "foxglove"))]
 fn open_foxglove(args: &NetworkArgs, publisher: Publisher) -> Result<Publisher, CliError> {
-    match is_wanted(args) && (args.foxglove.is_some() || args.foxglove_record.is_some()) {
-        false => Ok(publisher),
-        true => Err(absent("--foxglove", "foxglove")),
+    match (&args.foxglove, &args.foxglove_record) {
+        (None, None) => Ok(publisher),
+        _ => Err(absent("--foxglove", "foxglove")),
     }
 }
 
