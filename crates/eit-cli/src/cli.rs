@@ -9,8 +9,8 @@ mod shell;
 pub(crate) use init::{InitArgs, ShapeArg};
 pub(crate) use learn::LearnArgs;
 pub(crate) use live::{
-    CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, PublishArgs, RecordArgs,
-    RecoverArgs, ReplayArgs, WatchArgs,
+    BodyArgs, CheckArgs, ConvertArgs, DevicesArgs, EmulateArgs, LiveArgs, NetworkArgs, PublishArgs,
+    RecordArgs, RecoverArgs, ReplayArgs, WatchArgs,
 };
 pub(crate) use report::{ReportArgs, TouchPart};
 pub(crate) use shell::{CompletionsArgs, ManArgs};
@@ -204,6 +204,17 @@ pub(crate) enum Command {
     ///
     /// Example: eit live my.toml --picture now.png
     Live(LiveArgs),
+    /// Join many patches of skin, each published by `eit live --zenoh`, into one list of touches.
+    ///
+    /// Reads names, topics and poses of the patches from BODY.toml. Prints JSON lines: touches in the robot's
+    /// frame and on one clock whenever they change, and events: a patch that has fallen silent, within half a
+    /// second, and its return. Publishes the same as a message of ROS 2 where the file names a topic. --json
+    /// prints one object with counts and latency at the end instead. Ctrl-C ends it.
+    ///
+    /// Needs a program that was built with zenoh: cargo install --path crates/eit-cli --features zenoh.
+    ///
+    /// Example: eit body body.toml
+    Body(BodyArgs),
     /// Record a live instrument (MCAP).
     ///
     /// Data is written to the file every second, so a killed recorder loses at most the last second. Ctrl-C
@@ -262,6 +273,9 @@ pub(crate) struct DemoArgs {
     /// Use fewer frames, pixels and nodes, for a check that takes seconds.
     #[arg(long)]
     pub quick: bool,
+    /// Publish the experiments while they run; once the second begins, the rest of the first is not published.
+    #[command(flatten)]
+    pub network: NetworkArgs,
 }
 
 /// `eit plan`

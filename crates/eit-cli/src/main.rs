@@ -44,6 +44,7 @@ fn main() -> ExitCode {
         Command::Check(args) => commands::check::run(args),
         Command::Record(args) => commands::record::run(args),
         Command::Live(args) => commands::live::run(args, cli.json),
+        Command::Body(args) => commands::body::run(args, cli.json).map(Ended::from),
         Command::Replay(args) => commands::replay::run(args, cli.json).map(Ended::from),
         Command::Recover(args) => commands::recover::run(args).map(Ended::from),
         Command::Convert(args) => commands::convert::run(args).map(Ended::from),

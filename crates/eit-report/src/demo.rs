@@ -23,7 +23,7 @@ use eit_fem::fabric::Simulation;
 use eit_picture::SkinDrawing;
 use eit_skin::Progress;
 use eit_skin::StopFlag;
-use eit_skin::live::{LiveModel, REFERENCE_FRAMES};
+use eit_skin::live::{LiveFrame, LiveModel, REFERENCE_FRAMES};
 use eit_skin::scene::{Instrument, Scene};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -47,8 +47,13 @@ fn own() -> Vec<&'static str> {
     own
 }
 
+/// Called with every frame of an experiment while it runs live: its name, the model and the frame. The experiments
+/// run on threads of their own and may overlap.
+pub type FrameWatcher<'a> = dyn Fn(&str, &LiveModel, &LiveFrame<'_>) + Sync + 'a;
+
 /// State shared by the threads.
 struct Stage<'a> {
+    watcher: Option<&'a FrameWatcher<'a>>,
     folder: &'a DemoFolder,
     model: &'a Arc<LiveModel>,
     instrument: &'a Instrument,
@@ -58,9 +63,10 @@ struct Stage<'a> {
     has_failed: AtomicBool,
 }
 
-/// Runs the demo.
+/// Runs the demo; `watcher` sees its frames, too.
 pub fn run(
     args: &DemoSettings,
+    watcher: Option<&FrameWatcher<'_>>,
     interrupt: &StopFlag,
     progress: &mut Progress,
 ) -> Result<Answer, ReportError> {
@@ -73,6 +79,7 @@ pub fn run(
     let model = Arc::new(LiveModel::from_scene(&scene, REFERENCE_FRAMES, progress)?);
     let raster = model.linearised.raster(progress)?;
     let stage = Stage {
+        watcher,
         folder: &folder,
         model: &model,
         instrument: &instrument,

@@ -55,8 +55,8 @@ pub(crate) struct WatchArgs {
 #[derive(Debug, Args)]
 pub(crate) struct PublishArgs {
     /// Write touches to stdout as JSON lines, one object per frame as soon as its touches are found, and
-    /// nothing else; text goes to stderr (docs/JSON_LINES.md). No images are made unless --picture, --out or
-    /// --web needs them.
+    /// nothing else; text goes to stderr (docs/JSON_LINES.md). No images are made unless --picture, --out,
+    /// --web, --zenoh or --foxglove needs them.
     #[arg(long)]
     pub json_lines: bool,
     /// Send the same lines by UDP, one per datagram; can be repeated.
@@ -72,6 +72,71 @@ pub(crate) struct PublishArgs {
         default_missing_value = "127.0.0.1:8484"
     )]
     pub web: Option<String>,
+    /// Publishers behind cargo features.
+    #[command(flatten)]
+    pub network: NetworkArgs,
+}
+
+/// ROS 2 by zenoh, and Foxglove.
+#[derive(Debug, Args)]
+#[cfg_attr(not(feature = "zenoh"), allow(dead_code, reason = "refused whatever they are"))]
+pub(crate) struct NetworkArgs {
+    /// Publish as a node of ROS 2 by zenoh (rmw_zenoh): topics KEY/touches, KEY/image and /diagnostics, with KEY
+    /// such as skin/left_arm. Needs a build with --features zenoh (docs/BODY.md).
+    #[arg(long, value_name = "KEY")]
+    pub zenoh: Option<String>,
+    /// Where zenoh connects and listens.
+    #[command(flatten)]
+    pub session: SessionArgs,
+    /// Publish every frame instead of changes and ten heartbeats a second.
+    #[arg(long, requires = "zenoh")]
+    pub zenoh_every_frame: bool,
+    /// Name of the skin's coordinate frame in ROS 2 and Foxglove.
+    #[arg(long, value_name = "NAME", default_value = "skin")]
+    pub frame_id: String,
+    /// Domain of ROS 2 [default: ROS_DOMAIN_ID, else 0].
+    #[arg(long, value_name = "N", requires = "zenoh")]
+    pub ros_domain: Option<u32>,
+    /// Serve Foxglove; whoever reaches the address can watch. Needs a build with --features foxglove
+    /// [default: 127.0.0.1:8765; port 0: any free port].
+    #[arg(
+        long,
+        value_name = "HOST:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "127.0.0.1:8765"
+    )]
+    pub foxglove: Option<String>,
+    /// Record what Foxglove is shown: F.mcap, which must not exist.
+    #[arg(long, value_name = "F.mcap")]
+    pub foxglove_record: Option<PathBuf>,
+}
+
+/// The zenoh session of `--zenoh`.
+#[derive(Debug, Args)]
+#[cfg_attr(not(feature = "zenoh"), allow(dead_code, reason = "refused whatever they are"))]
+pub(crate) struct SessionArgs {
+    /// Endpoint that zenoh connects to, repeatable [default: tcp/localhost:7447, the router of rmw_zenoh].
+    #[arg(long, value_name = "ENDPOINT", requires = "zenoh")]
+    pub zenoh_connect: Vec<String>,
+    /// Endpoint that zenoh listens at, repeatable [default: any free port of this computer].
+    #[arg(long, value_name = "ENDPOINT", requires = "zenoh")]
+    pub zenoh_listen: Vec<String>,
+    /// Configuration file of zenoh; endpoints given here replace its own.
+    #[arg(long, value_name = "F.json5", requires = "zenoh")]
+    pub zenoh_config: Option<PathBuf>,
+}
+
+/// `eit body`
+#[derive(Debug, Args)]
+#[cfg_attr(not(feature = "zenoh"), allow(dead_code, reason = "refused whatever they are"))]
+pub(crate) struct BodyArgs {
+    /// The body: names, topics and poses of its patches (docs/BODY.md).
+    #[arg(value_name = "BODY.toml")]
+    pub body: PathBuf,
+    /// End after so many seconds.
+    #[arg(long, value_name = "S")]
+    pub seconds: Option<f64>,
 }
 
 /// `eit live`

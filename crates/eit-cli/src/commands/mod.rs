@@ -1,5 +1,10 @@
 //! One file per command. A command returns its result as text and as JSON.
 
+#[cfg(feature = "zenoh")]
+pub(crate) mod body;
+#[cfg(not(feature = "zenoh"))]
+#[path = "body_absent.rs"]
+pub(crate) mod body;
 pub(crate) mod calibrate;
 pub(crate) mod check;
 pub(crate) mod convert;
@@ -15,6 +20,7 @@ pub(crate) mod jacobian;
 pub(crate) mod learn;
 pub(crate) mod live;
 pub(crate) mod mesh;
+mod network;
 pub(crate) mod plan;
 mod publish;
 pub(crate) mod reconstruct;

@@ -1,6 +1,6 @@
 //! Publishes touches to other programs, in addition to the output of `eit live` and `eit replay`.
 
-use super::Answer;
+use super::{Answer, network};
 use crate::cli::PublishArgs;
 use crate::error::CliError;
 use eit_picture::SkinDrawing;
@@ -15,10 +15,11 @@ pub(super) fn open(args: &PublishArgs, is_json: bool) -> Result<Option<Publisher
         let message = "--json-lines and --json both need stdout: use one";
         return Err(CliError::input(message));
     }
-    if !args.json_lines && args.udp.is_empty() && args.web.is_none() {
+    let is_networked = network::is_wanted(&args.network);
+    if !args.json_lines && args.udp.is_empty() && args.web.is_none() && !is_networked {
         return Ok(None);
     }
-    let mut publisher = Publisher::new();
+    let mut publisher = network::open(&args.network, Publisher::new())?;
     for address in &args.udp {
         let sink = UdpSink::new(address).map_err(|e| CliError::from(e).within("--udp"))?;
         publisher = publisher.with_udp(sink);
@@ -61,6 +62,7 @@ pub(super) fn end(mut publisher: Publisher) -> Result<(), CliError> {
             );
         }
     }
+    network::report(&publisher);
     Ok(())
 }
 

@@ -48,9 +48,12 @@ impl<'a> Viewer<'a> {
             limit,
             interrupt: interrupt::listen()?,
             silent_since: Some(Instant::now()),
-            // stdout is reserved for lines, and the view would overwrite the page's address
+            // stdout is reserved for lines, and the view would overwrite the printed addresses
             terminal: Terminal::new(
-                is_shown && !args.publish.json_lines && args.publish.web.is_none(),
+                is_shown
+                    && !args.publish.json_lines
+                    && args.publish.web.is_none()
+                    && args.publish.network.foxglove.is_none(),
             ),
             picture: args.picture.as_deref().map(Picture::new).transpose()?,
             writer: None,
@@ -73,7 +76,7 @@ impl<'a> Viewer<'a> {
     ) -> Result<(), CliError> {
         self.publisher = publisher;
         let Some(publisher) = &mut self.publisher else { return Ok(()) };
-        if publisher.has_web() {
+        if publisher.takes_images() {
             publisher.skin(&publish::shape(self.model)?)?;
         }
         let skin = self.model.skin();
@@ -91,7 +94,7 @@ impl<'a> Viewer<'a> {
         self.silent_since.is_some()
     }
 
-    /// Whether images are needed other than for the page; without any other output, the summary reports on
+    /// Whether images are needed other than by the publisher; without any other output, the summary reports on
     /// them.
     fn is_seen(&self) -> bool {
         let is_kept = self.picture.is_some() || self.kept.is_some();
@@ -185,7 +188,7 @@ impl LiveObserver for Viewer<'_> {
     }
 
     fn wants_images(&self) -> bool {
-        self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::has_web)
+        self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::takes_images)
     }
 
     fn wants_image(&self) -> bool {

@@ -1,7 +1,7 @@
 //! Runs an experiment as on a real skin: instrument, driver, recording, images, touches.
 
-use super::Stage;
 use super::experiment::Experiment;
+use super::{FrameWatcher, Stage};
 use crate::error::ReportError;
 use crate::watched::{Kept, record_of};
 use eit_hw::capture::{CaptureSettings, CaptureWriter};
@@ -56,7 +56,7 @@ pub(super) fn run(
     goes_on: &(dyn Fn() -> bool + Sync),
     progress: &mut Progress,
 ) -> Result<Seen, ReportError> {
-    let Stage { model, instrument, folder, .. } = *stage;
+    let Stage { model, instrument, folder, watcher, .. } = *stage;
     let wanted = frames.saturating_sub(REFERENCE_FRAMES);
     progress.steps(experiment.stages[1], wanted, |bar| {
         let own = folder.join(experiment.folder);
@@ -73,6 +73,7 @@ pub(super) fn run(
             last: Instant::now(),
             failure: None,
             pile: Pile::default(),
+            watch: watcher.map(|watcher| (experiment.name, model.as_ref(), watcher)),
         };
         let summary = model.watch(&mut wire.session, true, &mut watcher);
         wire.session.stop();
@@ -157,6 +158,8 @@ struct Demo<'a, 'b> {
     last: Instant,
     failure: Option<ReportError>,
     pile: Pile,
+    /// Who sees the frames, too: name of the experiment, its model.
+    watch: Option<(&'static str, &'a LiveModel, &'a FrameWatcher<'a>)>,
 }
 
 /// Data for evaluation and drawing, one entry per image.
@@ -200,6 +203,9 @@ impl LiveObserver for Demo<'_, '_> {
 
     fn frame(&mut self, shown: &LiveFrame<'_>) -> Result<(), ReportError> {
         self.kept.take(shown)?;
+        if let Some((name, model, watcher)) = self.watch {
+            watcher(name, model, shown);
+        }
         if !shown.touches.is_empty() {
             self.writer.touches(&record_of(shown))?;
         }
