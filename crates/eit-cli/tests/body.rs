@@ -76,14 +76,14 @@ mod by_zenoh {
         }
     }
 
-    /// A touched recording played by two processes, one of which is killed and started again.
+    /// Two live skins, each with an emulated instrument; the process of one is killed and started again.
     #[test]
     fn two_patches_and_a_body() {
         let folder = tempfile::tempdir().unwrap();
-        let scene = write_scene(folder.path(), SMALL);
+        let instrument =
+            "[instrument]\nport = \"unused\"\ndriver = \"eits1\"\nframe_rate_hz = 100.0";
+        let scene = write_scene(folder.path(), &format!("{SMALL}\n{instrument}\n"));
         let (frames, _) = touched_frames(folder.path(), &scene);
-        let recording = folder.path().join("touched.mcap");
-        succeed(&["convert", text(&frames), "--scene", text(&scene), "--out", text(&recording)]);
         let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let address = format!("tcp/127.0.0.1:{port}");
         let file = folder.path().join("body.toml");
@@ -102,16 +102,35 @@ mod by_zenoh {
         let mut lines = BufReader::new(body.0.stdout.take().unwrap()).lines();
         let start = line(&mut lines, |_| true);
         assert_eq!((&start["type"], &start["frame"]), (&"start".into(), &"torso".into()));
-        let play = |name: &str| {
-            let key = format!("skin/{name}");
-            let from = ["replay", text(&scene), "--from", text(&recording), "--speed", "0.5"];
+        let place = |name: &str| folder.path().join(name);
+        let emulate = |name: &str| {
+            let port = place(name);
+            let process = Process::start(&[
+                "emulate",
+                text(&scene),
+                "--port",
+                text(&port),
+                "--frames",
+                text(&frames),
+            ]);
+            let begun = Instant::now();
+            while !port.exists() {
+                assert!(begun.elapsed() < LIMIT, "no port");
+                std::thread::sleep(Duration::from_millis(10));
+            }
+            process
+        };
+        let live = |name: &str| {
+            let (key, port) = (format!("skin/{name}"), place(name));
+            let from = ["live", text(&scene), "--port", text(&port)];
             let to = ["--zenoh", &key, "--zenoh-connect", &address, "--frame-id", name];
             Process::start(&[&from[..], &to].concat())
         };
-        let (_left, right) = (play("left"), play("right"));
+        let _instruments = ["left", "right"].map(emulate);
+        let (mut left, right) = (live("left"), live("right"));
         let of = |line: &Value, name: &str| -> Option<[f64; 2]> {
-            let touches = line["touches"].as_array()?.iter();
-            let touch = touches.into_iter().find(|touch| touch["patch"] == name)?;
+            let mut touches = line["touches"].as_array()?.iter();
+            let touch = touches.find(|touch| touch["patch"] == name)?;
             Some([0, 1].map(|axis| touch["position_m"][axis].as_f64().unwrap()))
         };
         let both = line(&mut lines, |l| of(l, "left").is_some() && of(l, "right").is_some());
@@ -120,12 +139,13 @@ mod by_zenoh {
             let [x, y] = of(&both, name).unwrap();
             assert!((x - origin - 0.03).hypot(y) < 0.015, "{name}: {x}, {y}");
         }
+        assert!(left.0.try_wait().unwrap().is_none(), "it goes on");
         drop(right);
         let killed = Instant::now();
         let silent = line(&mut lines, |l| l["event"] == "silent" && l["patch"] == "right");
         assert!(killed.elapsed() < Duration::from_millis(600), "{silent} {:?}", killed.elapsed());
         assert!(silent["for_s"].as_f64().unwrap() < 0.5 && silent["was_heard"] == true, "{silent}");
-        let _again = play("right");
+        let _again = live("right");
         let back = line(&mut lines, |l| l["event"] == "back" && l["patch"] == "right");
         assert!(back["after_s"].as_f64().unwrap() > 0.35, "{back}");
         // Ctrl-C: a last line, and success
