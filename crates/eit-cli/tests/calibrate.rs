@@ -1,6 +1,6 @@
 //! `eit calibrate`: real tanks of water, and a simulated frame.
 //!
-//! Every number printed here appears in `docs/VALIDATION.md`. The recordings are read in place.
+//! Every number printed here appears in `docs/validation/recordings.md`. The recordings are read in place.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

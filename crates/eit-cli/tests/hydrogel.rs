@@ -2,7 +2,7 @@
 //! in a second row, the noise figure is chosen on them); everything else is the model's; errors are those of
 //! the other presses.
 //!
-//! Every number printed here appears in `docs/VALIDATION.md`. The data is read in place.
+//! Every number printed here appears in `docs/validation/learning.md`. The data is read in place.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

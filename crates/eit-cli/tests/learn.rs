@@ -97,7 +97,7 @@ fn presses_become_newtons() {
         if (last + 11..last + 17).contains(&(value("frame") as usize)) {
             held += 1;
             assert!((value("x_m") - x).hypot(value("y_m") - y) < 5e-3, "{line}");
-            // a press that was not learnt: 10 % in 85 % of them, at most 26 % (docs/VALIDATION.md)
+            // a press that was not learnt: 10 % in 85 % of them, at most 26 % (docs/validation/learning.md)
             assert!((value("force_n") / force - 1.0).abs() < 0.26, "{line}: {force} N");
             assert!(value("force_std_n") > 0.0 && values[column("unlike")] == "false", "{line}");
         }

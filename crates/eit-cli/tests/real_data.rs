@@ -1,6 +1,6 @@
 //! From real recordings to images: what is known about each must show in its images.
 //!
-//! Every number printed here appears in `docs/VALIDATION.md`. The recordings are read in place.
+//! Every number printed here appears in `docs/validation/recordings.md`. The recordings are read in place.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

@@ -1,6 +1,6 @@
 //! Linear and quadratic elements on the paper's disc: error of the voltages against the mesh-free
 //! series, with unknowns and time, on three families of meshes (the table in
-//! `docs/PERFORMANCE.md`).
+//! `docs/performance/forward.md`).
 //!
 //! Run with `cargo run --release -p eit-fem --example elements`.
 #![allow(missing_docs, reason = "an example is read, not linked against")]

@@ -85,7 +85,7 @@ fn words(chosen: &ChosenMesh) -> String {
 /// Against the mesh-free series, for each order of elements and for the cheaper of the two.
 ///
 /// The error may exceed the requirement by a half, because the error estimate is approximate on
-/// irregular meshes (the largest ratio found is in docs/VALIDATION.md). All coarser meshes of the
+/// irregular meshes (the largest ratio found is in docs/validation/forward.md). All coarser meshes of the
 /// search must miss the requirement.
 #[test]
 fn chosen_meshes_of_the_disc_have_the_error_that_was_required() {

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! Argument: seconds of streaming [600]. Then follow a consumer that stalls for five seconds, and a
-//! day of frames as fast as they can be taken. docs/PERFORMANCE.md has the results.
+//! day of frames as fast as they can be taken. docs/performance/live.md has the results.
 
 #![allow(
     missing_docs,

@@ -2,8 +2,8 @@
 //! regression, several fingers, missing electrodes, frames unlike all learnt ones, and earlier files.
 //!
 //! Frames are the model's own with electrode gains that it does not know: this tests the learning, not how
-//! well a fabric is modelled (see `learn.rs`, on the simulated fabric, and `docs/VALIDATION.md`). One file,
-//! because all cases press the same skin with the same few functions.
+//! well a fabric is modelled (see `learn.rs`, on the simulated fabric, and `docs/validation/learning.md`).
+//! One file, because all cases press the same skin with the same few functions.
 #![cfg(feature = "learn")]
 #![allow(
     clippy::unwrap_used,

@@ -1,5 +1,5 @@
 //! Touches on the simulated fabric through the library, with default settings: few enough frames for every
-//! run. Full figures: `docs/VALIDATION.md`.
+//! run. Full figures: `docs/validation/touches.md`.
 
 #![allow(
     missing_docs,

@@ -90,7 +90,7 @@ impl ForwardModel {
     /// Creates a model with elements of the given order; otherwise like [`ForwardModel::new`].
     ///
     /// On the same mesh, quadratic elements have four times the unknowns of linear ones. For equal
-    /// run time, their error is smaller by a factor of 20 or more (`docs/PERFORMANCE.md`), so use a
+    /// run time, their error is smaller by a factor of 20 or more (`docs/performance/forward.md`), so use a
     /// coarser mesh. They follow curved rims and curved skins where the mesh provides edge
     /// midpoints ([`Mesh::midpoint_m`]).
     ///

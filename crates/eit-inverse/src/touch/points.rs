@@ -305,7 +305,7 @@ impl TouchTracker {
 ///
 /// A logistic curve fitted to 25 531 touches reported on simulated fabrics (the paper's skin with one to
 /// six fingers and with electrode faults, patches, a plate with a hole), of which 99.6 % were within 25 mm
-/// of a finger. docs/VALIDATION.md compares it with recordings that it was not fitted to.
+/// of a finger. docs/validation/touches.md compares it with recordings that it was not fitted to.
 fn confidence(touch: &DetectedTouch, age_frames: u64) -> f64 {
     let worth = touch.worth.max(1.0);
     let known = (touch.strength_s_m2 / touch.strength_std_s_m2).abs().max(1.0);

@@ -7,8 +7,8 @@ use crate::metrics::ChangeSign;
 /// Settings of [`TouchDetector`](super::TouchDetector).
 ///
 /// The defaults were tuned on simulated presses of the paper's skin and tested on other seeds, skins and
-/// faults (`docs/VALIDATION.md`). A strength is the integral of the conductivity change over the touch, S
-/// m^2.
+/// faults (`docs/validation/touches.md`). A strength is the integral of the conductivity change over the
+/// touch, S m^2.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DetectorSettings {
     /// Which sign of change is a touch. Default: increase.
