@@ -71,7 +71,7 @@ fn csv_faults() {
     refused(csv_of("a,b\n"), &["no complete frame"]);
     refused(csv_of("1,2\n3,4,5\n"), &["f.csv, line 2", "3 values", "expected 2", "complete"]);
     refused(csv_of("1,2\n3\n"), &["line 2", "1 values", "expected 2"]);
-    refused(csv_of("1,2\n3,x4\n"), &["line 2", "value 2", "\"x4\"", "point"]);
+    refused(csv_of("1,2\n3,x4\n"), &["line 2", "value 2", "\"x4\"", "1234.5e-6"]);
     refused(csv_of("a,b\nc,d\n"), &["line 2", "value 1", "\"c\""]);
     refused(csv_of("1,,2\n"), &["line 1", "value 2", "\"\""]);
     refused(csv_of("0,5;1,5\n"), &["\"0,5\"", "1234.5e-6"]);
@@ -418,7 +418,7 @@ fn khu_folders() {
     assert_eq!(read().unwrap().quality[[2, 0]], Quality::NON_FINITE);
     refused(
         khu::read(&path.join("2Scan.txt")),
-        &["2Scan.txt", "is one file", "folder", "name the folder"],
+        &["2Scan.txt", "is a single file", "folder", "name the folder"],
     );
     refused(
         read_recording(&path.join("2Scan.txt"), None, &ReadOptions::default()),
@@ -449,7 +449,7 @@ fn keys_of_tables_are_for_tables() {
         let read = |options: &ReadOptions| read_recording(&path.join(name), None, options);
         assert!(read(&ReadOptions::default()).is_ok(), "{name}");
         refused(read(&frames_are), &[name, "`[recording] frames_are`", "csv and npy", format]);
-        refused(read(&complex), &[name, "`[recording] complex`", "csv and npy", format, "leave"]);
+        refused(read(&complex), &[name, "`[recording] complex`", "csv and npy", format, "remove"]);
     }
     refused(read_recording(path, None, &frames_are), &["`[recording] frames_are`", "sciospec"]);
     let khu = tempfile::tempdir().unwrap();

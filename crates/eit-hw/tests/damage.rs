@@ -294,7 +294,9 @@ fn messages_of_unnamed_topics_are_read_by_what_they_hold() {
     let path = folder.path().join("a.mcap");
     let mut bytes = recording(&path, 4);
     let first = chunks(&bytes)[0];
-    bytes[first.0 + first.1 / 2] ^= 4;
+    // one flipped bit of compressed data may stand for the same text
+    let middle = first.0 + first.1 / 2;
+    bytes[middle..middle + 8].iter_mut().for_each(|byte| *byte = !*byte);
     let capture = parse(&bytes, &path).unwrap();
     assert_eq!(capture.frames().count() as u64, 4 * PER_CHUNK);
     assert_eq!((capture.damage.bad_chunks, capture.damage.bad_messages), (1, 0));

@@ -199,8 +199,8 @@ fn bad_input_is_refused() {
         assert!(error.contains(wanted), "{error}");
     };
     let minus: Vec<f64> = frame.iter().map(|v| -v).collect();
-    says(&minus, &good, "correlation -1.000 with the model's voltages: check the sign");
-    says(&vec![0.0; frame.len()], &good, "correlation NaN");
+    says(&minus, &good, "voltages is -1.000: check the sign");
+    says(&vec![0.0; frame.len()], &good, "voltages is NaN");
     says(&frame[1..], &good, "frame: 255 values, but 256 are needed");
     let mut broken = frame.clone();
     broken[17] = f64::NAN;

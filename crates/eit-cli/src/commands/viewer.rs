@@ -195,6 +195,11 @@ impl LiveObserver for Viewer<'_> {
         self.is_seen() || self.publisher.as_ref().is_some_and(Publisher::has_viewer)
     }
 
+    /// Stored images are those of all frames.
+    fn wants_every_image(&self) -> bool {
+        self.kept.is_some()
+    }
+
     fn goes_on(&mut self, summary: &Summary) -> bool {
         summary.frames < self.frames
             && !self.interrupt.is_set()

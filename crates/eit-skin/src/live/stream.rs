@@ -179,7 +179,7 @@ impl LiveStream {
             return Ok(());
         }
         let is_old =
-            self.image_time_s.is_some_and(|before_s| self.time_s - before_s > LONGEST_LINK_S);
+            self.image_time_s.is_none_or(|before_s| self.time_s - before_s > LONGEST_LINK_S);
         if is_old {
             images.restart();
         }
