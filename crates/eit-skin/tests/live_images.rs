@@ -8,11 +8,14 @@
 )]
 
 use eit_skin::eit_fem::fabric::Random;
-use eit_skin::eit_hw::{Frame, Quality, Unit};
-use eit_skin::live::LiveModel;
+use eit_skin::eit_hw::driver::{Event, FrameSource, Identity, Limits, Setup, Statistics};
+use eit_skin::eit_hw::{Frame, HwError, Layout, Quality, Unit};
+use eit_skin::live::{LiveFrame, LiveModel, LiveObserver, Summary};
 use eit_skin::scene::Scene;
-use eit_skin::{LiveStream, MeshOverride, Progress, Skin};
+use eit_skin::{LiveStream, MeshOverride, Progress, Skin, SkinError};
+use std::collections::VecDeque;
 use std::sync::Arc;
+use std::time::Duration;
 
 const REFERENCE: usize = 20;
 /// A finger stays for this number of frames after the reference, then the skin is untouched.
@@ -99,5 +102,98 @@ fn an_image_after_a_gap_shows_nothing_of_an_old_touch() {
         let [gap, touch] = [&after_gap, &touched].map(|image| distance(image, &first));
         println!("a frame each {step_s} s: {gap:e} after a gap, {touch:e} of the touch");
         assert!(gap < 0.01 * touch, "{gap:e} {touch:e}");
+    }
+}
+
+/// An instrument whose frames have all arrived: the consumer is behind until the last one.
+struct Backlog {
+    setup: Setup,
+    frames: VecDeque<Frame>,
+}
+
+impl FrameSource for Backlog {
+    fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
+    fn next_event(&mut self, _: Duration) -> Result<Option<Event>, HwError> {
+        Ok(self.frames.pop_front().map(Event::Frame))
+    }
+
+    fn recycle(&mut self, _: Frame) {}
+
+    fn statistics(&self) -> Statistics {
+        Statistics::default()
+    }
+
+    fn frames_waiting(&self) -> usize {
+        self.frames.len()
+    }
+
+    fn is_over(&self) -> bool {
+        self.frames.is_empty()
+    }
+}
+
+/// Numbers of the frames whose touches were given, and of those that had an image.
+#[derive(Default)]
+struct Seen {
+    wants_every_image: bool,
+    touches: Vec<u64>,
+    images: Vec<u64>,
+}
+
+impl LiveObserver for Seen {
+    type Error = SkinError;
+
+    fn touches(&mut self, frame: &LiveFrame<'_>) -> Result<(), SkinError> {
+        self.touches.push(frame.number);
+        Ok(())
+    }
+
+    fn frame(&mut self, frame: &LiveFrame<'_>) -> Result<(), SkinError> {
+        if frame.images.is_some() {
+            self.images.push(frame.number);
+        }
+        Ok(())
+    }
+
+    fn wants_every_image(&self) -> bool {
+        self.wants_every_image
+    }
+
+    fn goes_on(&mut self, _: &Summary) -> bool {
+        true
+    }
+}
+
+/// While live frames wait, touches of all of them are given and images are skipped and counted. Nobody's image is
+/// skipped who needs every one, nor in a replay.
+#[test]
+fn images_are_skipped_while_frames_wait_and_touches_never() {
+    let model = model();
+    let all: Vec<u64> = (0..ALL as u64).collect();
+    for (is_live, wants_every_image) in [(true, false), (true, true), (false, false)] {
+        let frames: VecDeque<Frame> = frames(&model, 0.05).into();
+        let name = || "backlog".to_owned();
+        let setup = Setup {
+            identity: Identity { driver: "test", name: name(), serial: name() },
+            layout: Layout::ProtocolOrder,
+            value_count: frames[0].values.len(),
+            complex: false,
+            unit: Unit::Volt,
+            frame_rate_hz: Some(20.0),
+            limits: Limits::default(),
+        };
+        let mut seen = Seen { wants_every_image, ..Seen::default() };
+        let mut source = Backlog { setup, frames };
+        let summary = model.watch(&mut source, is_live, &mut seen).unwrap();
+        assert_eq!(seen.touches, all);
+        let skipped = summary.skipped_images as usize;
+        assert_eq!(seen.images.len() + skipped, ALL);
+        // the last frame has none behind it
+        assert_eq!(seen.images.last(), all.last());
+        println!("live: {is_live}, every image: {wants_every_image}: {skipped} skipped");
+        assert_eq!(skipped > 0, is_live && !wants_every_image);
     }
 }
