@@ -71,6 +71,8 @@ pub(super) struct Sender {
     message: TouchArray,
     period: Period,
     period_began: Instant,
+    /// Frames dropped until the period began.
+    dropped_before: u64,
     last_frame: Instant,
     faulty: String,
     incident: Option<Incident>,
@@ -102,6 +104,7 @@ impl Sender {
             message: TouchArray::default(),
             period: Period::default(),
             period_began: Instant::now(),
+            dropped_before: 0,
             last_frame: Instant::now(),
             faulty: String::new(),
             incident: None,
@@ -198,6 +201,7 @@ impl Sender {
             count(&self.shared, publisher, &PoseStamped { header, pose: *pose });
         }
         self.period = Period::default();
+        self.dropped_before = outbox.statistics().dropped_frames;
         self.period_began = Instant::now();
     }
 
@@ -207,6 +211,7 @@ impl Sender {
         let seconds = self.period_began.elapsed().as_secs_f64().max(1e-3);
         let frames = f64::from(self.period.frames);
         let silence = self.last_frame.elapsed();
+        let dropped = statistics.dropped_frames.saturating_sub(self.dropped_before);
         let incident = self.incident.as_ref();
         let (level, message) = if silence > STALE {
             let why = incident.filter(|what| what.severity == Severity::Error);
@@ -214,8 +219,8 @@ impl Sender {
             (3, format!("no frame for {:.1} s{words}", silence.as_secs_f64()))
         } else if !self.faulty.is_empty() {
             (1, format!("faulty electrodes: {}", self.faulty))
-        } else if statistics.dropped_frames > 0 {
-            (1, format!("{} frames dropped before sending", statistics.dropped_frames))
+        } else if dropped > 0 {
+            (1, format!("{dropped} frames dropped before sending"))
         } else {
             (0, "sound".to_owned())
         };
